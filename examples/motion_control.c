@@ -20,7 +20,7 @@
  * Then the nominal run again, until 100 000 cycles were timed. The robot of a build is that of the header `robot.h`:
  *
  *   flexgen generate planar5_nmp
- *   flexgen path planar5_nmp --moves examples/program.toml --move seam --table generated/planar5_nmp/seam.h
+ *   flexgen path planar5_nmp --moves examples/program.toml --move seam --out generated/planar5_nmp/seam.h
  *   cd generated/planar5_nmp
  *   cc -std=c99 -O2 -ffp-contract=off -I. -I../../examples/motion_control/planar5_nmp ../../examples/motion_control.c \
  *      $(find src -name '*.c') -lm -o motion_control && ./motion_control motion.csv

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
-from flexgen.cli.argument_types import file_path, numbers
+from flexgen.cli.argument_types import numbers
 from flexgen.cli.printing import suggestion
 
 _NEGATIVE = re.compile(r"-(\.?\d|inf|nan)", re.IGNORECASE)  # no option begins like a number
@@ -31,12 +31,13 @@ class Once(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
-class _OldName(Once):
-    """Store a value given by the old name of an option, and note the new one as a warning."""
+class OldName(Once):
+    """Store a value given by the old name of an option, and note the new one, ``metavar``, as a warning."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
-        super().__call__(parser, namespace, values, option_string)
-        note = f"{option_string} is the old name of --{self.dest.replace('_', '-')}, please use the new one"
+        """Store the value and the note."""
+        super().__call__(parser, namespace, self.const if self.nargs == 0 else values, option_string)
+        note = f"{option_string} is the old name of {self.metavar}, please use the new one"
         namespace.notes = [*getattr(namespace, "notes", ()), note]
 
 
@@ -87,11 +88,6 @@ class Parser(argparse.ArgumentParser):
         section = found[0] if found else self.add_argument_group(title)
         self._action_groups.sort(key=lambda group: (group.title == MESSAGES, group.title == FILES))
         return section
-
-    def add_folder(self, text: str) -> None:
-        """Add ``--out DIR``, and ``--directory``, its old name."""
-        self.section(FILES).add_argument("--out", metavar="DIR", type=file_path, action=Once, help=text)
-        self.add_argument("--directory", dest="out", type=file_path, action=_OldName, help=argparse.SUPPRESS)
 
     def options(self) -> list[str]:
         """All option strings that the help shows."""

@@ -10,6 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+_DISTURBANCE = re.compile(
+    r"(?P<kind>\w+):(?P<where>[\w.]+)=(?P<size>[-+.\deE]+)@(?P<start>[-+]?[.\d]+(?:[eE][-+]?\d+)?)"
+    r"(?:\+(?P<length>[.\d]+(?:[eE][-+]?\d+)?))?(?:,(?P<low>[.\deE]+)-(?P<high>[.\deE]+))?\Z"
+)
+
 
 def numbers(text: str) -> list[float]:
     """Numbers with commas between them."""
@@ -81,6 +86,11 @@ def trajectory_file(text: str) -> Path:
     return path
 
 
+def text(text: str) -> str:
+    """Any text."""
+    return text
+
+
 def file_path(text: str) -> Path:
     """A path."""
     if not text or "\0" in text:
@@ -104,3 +114,50 @@ def setting(text: str) -> tuple[str, Any]:
         hint = "such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"
         raise argparse.ArgumentTypeError(f"given {text!r}, expected KEY=VALUE with a TOML value, {hint}")
     return key.strip(), parsed["value"]
+
+
+def plant(text: str) -> tuple[str, dict[str, float]]:
+    """``NAME:stiffness=0.8,payload=5``; without a name the text itself is the name."""
+    name, colon, rest = text.partition(":")
+    changes: dict[str, float] = {}
+    for item in (rest if colon else text).split(","):
+        key, equals, value = item.partition("=")
+        try:
+            changes[key.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not key.strip():
+            raise argparse.ArgumentTypeError(f"given {text!r}, expected such as soft:stiffness=0.8,payload=5")
+    return (name if colon else text), changes
+
+
+def disturbance(text: str) -> dict[str, Any]:
+    """``KIND:WHERE=SIZE@START+LENGTH,LOW-HIGH``; length and frequencies where the kind has them."""
+    found = _DISTURBANCE.match(text)
+    try:
+        if found is None:
+            raise ValueError
+        band = (float(found["low"]), float(found["high"])) if found["low"] else None
+        return {
+            "kind": found["kind"],
+            "where": found["where"],
+            "size": float(found["size"]),
+            "start_s": float(found["start"]),
+            "length_s": float(found["length"]) if found["length"] else None,
+            "frequency_hz": band,
+        }
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected such as step:m1=2@0.5, pulse:tool.x=300@0.4+0.02 or chirp:m1=1@0+2,0.5-30"
+        ) from None
+
+
+def joint_value(text: str) -> tuple[str, float]:
+    """``NAME=X``."""
+    name, equals, value = text.partition("=")
+    try:
+        if not (name and equals):
+            raise ValueError
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected such as q3=0.5") from None

@@ -204,8 +204,8 @@ def _main(words: list[str]) -> int:
 
 def _run(args: argparse.Namespace, messages: _Messages) -> int:
     """Run the verb, print its result, return the exit status."""
-    from flexgen.cli.own_robot.check import implausible
     from flexgen.cli.printing import as_json, fitted, terminal_width
+    from flexgen.cli.verbs.check import implausible
 
     result, problem, status = None, "", SUCCESS
     interrupts: list[int] = []

@@ -1,6 +1,7 @@
-"""The parser of the command line: verbs, arguments, help texts and usage errors.
+"""The parser of the command line, from the rows of `flexgen.verbs`: arguments, help texts and usage errors.
 
-Only the standard library and light modules are imported, so that help and usage errors appear at once.
+Only the standard library and light modules are imported, and only the module of the verb that is run, so that help and
+usage errors appear at once.
 """
 
 from __future__ import annotations
@@ -9,28 +10,22 @@ import argparse
 import shutil
 import textwrap
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any
 
-from flexgen.cli import (
-    completion,
-    control_arguments,
-    export_arguments,
-    export_exchange,
-    identify_arguments,
-    run,
-    solve_arguments,
-    sweep,
-    verbs,
-)
-from flexgen.cli.argument_parser import MESSAGES, Once, Parser, UsageError
-from flexgen.cli.argument_types import file_path, isa, names, numbers, setting
-from flexgen.cli.own_robot import check, new
-from flexgen.mechanics.signatures import TABLE
+from flexgen.cli import argument_types
+from flexgen.cli.argument_parser import MESSAGES, OldName, Once, Parser, UsageError
+from flexgen.cli.defaults import defaults_of
+from flexgen.registry import added_names
+from flexgen.verb_rows import PATHS, Option, Verb
+from flexgen.verbs import VERBS, added_export, choices_of, help_of
 from flexgen.version import __version__
 
 __all__ = ["EXAMPLES", "UsageError", "build_parser", "parse"]
 
 MODEL = "name in models/ or path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP"
+EXPORT = "Write the robot for another tool: a simulation program, a controller, a robot description."
+RUN_MODEL = "planar5_nmp"  # of `flexgen run`, where none is given
 
 EXAMPLES = """\
 examples:
@@ -52,11 +47,8 @@ MODEL is a name in models/ or the path of a .toml file, optionally with @variant
 Exit status: 0 success, 1 failure, 2 wrong usage, 3 limits of the model exceeded, 130 interrupted."""
 
 
-# --- verbs ------------------------------------------------------------------------------------------------------------
-
-
-def build_parser() -> Parser:
-    """The parser of the command line."""
+def build_parser(only: str | None = None) -> Parser:
+    """The parser of the command line; ``only``: with the arguments of this verb alone, where it is one."""
     parser = Parser(
         prog="flexgen",
         description="Inverse dynamics of elastic robots, from a model file to C that runs in a controller.",
@@ -66,62 +58,129 @@ def build_parser() -> Parser:
     parser.add_argument("-h", "--help", action="help", help="show this help")
     parser.add_argument("--version", action="version", version=f"flexgen {__version__}")
     group = parser.add_subparsers(dest="verb", metavar="VERB")
-    _add_verb(group, "models", verbs.models, model=False)
-    new.add_arguments(_add_verb(group, "new", new.new, model=False))
-    _add_verb(group, "describe", verbs.describe)
-    _add_verb(group, "check", check.check)
-    _add_derive_arguments(_add_verb(group, "derive", verbs.derive))
-    _add_analyze_arguments(_add_verb(group, "analyze", verbs.analyze))
-    _add_generate_arguments(_add_verb(group, "generate", verbs.generate))
-    solve_arguments.add_verbs(group, _add_verb)
-    sweep.add_arguments(_add_verb(group, "sweep", verbs.sweep, model=False))
-    identify_arguments.add_verbs(group, _add_verb)
-    control_arguments.add_verbs(group, _add_verb)
-    export_arguments.add_verbs(group, _add_verb)
-    export_exchange.add_verbs(group, _add_verb)
-    solve_arguments.add_run_arguments(_add_verb(group, "run", run.run))
-    sub = _add_verb(group, "completion", completion.completion, model=False)
-    sub.add_argument("shell", metavar="SHELL", choices=completion.SHELLS, help=", ".join(completion.SHELLS))
-    sub.set_defaults(root=parser)
-    for verb in parser.verbs():
-        _add_message_arguments(verb)
+    kinds: Any = None
+    all_of_them = only not in {name.partition(" ")[0] for name in VERBS}
+    of_others = added_names("exports") if all_of_them or only == "export" else ()
+    rows = [*VERBS.values()]
+    at = 1 + max(k for k, verb in enumerate(rows) if verb.name.startswith("export "))
+    for verb in [*rows[:at], *(added_export(name) for name in of_others), *rows[at:]]:
+        name, _, kind = verb.name.partition(" ")
+        if kind and kinds is None:
+            kinds = _add_export(group)
+        if all_of_them or name == only:
+            _add_verb(kinds if kind else group, kind or name, verb, parser)
+        elif not kind:
+            group.add_parser(name)
     return parser
 
 
 def parse(words: Sequence[str]) -> argparse.Namespace:
     """Parse a command line.
 
+    ``given`` of the result has the names of the arguments that were given; the others have the defaults of the public
+    function of the verb.
+
     Raises
     ------
     UsageError
         It is wrong; the message suggests the verb, value or option that was probably meant.
     """
-    parser = build_parser()
-    args, unknown = parser.parse_known_args(words)
+    only = words[0] if words and words[0] != "completion" else None  # completion is a text of all verbs
+    args, unknown = build_parser(only).parse_known_args(words)
     if unknown:
+        parser = build_parser()
         here: Parser = getattr(args, "parser", parser)
         hint = here.hint(words, unknown, parser)
         here.error(f"unknown arguments {' '.join(unknown)}, see '{here.prog} --help'{hint}")
+    row: Verb | None = getattr(args, "row", None)
+    if row is not None:
+        defaults = defaults_of(row.function) if row.function else {}
+        names = {option.parameter: option for option in row.options()}
+        args.given = frozenset(name for name in names if getattr(args, name) is not None)
+        for name in names.keys() - args.given:
+            switched = None if names[name].takes_value else names[name].name.startswith("no_")
+            setattr(args, name, None if names[name].several else defaults.get(name, switched))
     return args
 
 
-def _add_verb(group: Any, name: str, action: Any, model: bool = True) -> Parser:
+def _add_export(group: Any) -> Any:
+    """The verb export, whose kinds are parsers of their own."""
+    parser = group.add_parser("export", help=EXPORT, description=EXPORT)
+    parser.add_argument("-h", "--help", action="help", help="show this help")
+    return parser.add_subparsers(dest="kind", metavar="KIND", required=True)
+
+
+def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
     """Add a verb; the first line of the docstring of its function is its help."""
+    module, _, function = verb.action.partition(":")
+    action = getattr(import_module(f"flexgen.cli.verbs.{module}"), function)
     summary = (action.__doc__ or "").strip().partition("\n")[0]
     parser: Parser = group.add_parser(name, help=summary, description=summary)
-    parser.set_defaults(action=action, parser=parser)
-    if model:
-        optional: dict[str, Any] = {"nargs": "?", "default": "planar5_nmp"} if name == "run" else {}
-        default = "; default: planar5_nmp" if optional else ""
+    parser.set_defaults(action=action, parser=parser, row=verb, root=root)
+    if verb.model != "none":
+        optional: dict[str, Any] = {"nargs": "?", "default": RUN_MODEL} if verb.model == "optional" else {}
+        default = f"; default: {RUN_MODEL}" if optional else ""
         parser.add_argument("model", metavar="MODEL", help=MODEL + default, **optional)
         parser.section("model").add_argument(
             "--set",
             metavar="KEY=VALUE",
-            type=setting,
+            type=argument_types.setting,
             action="append",
             help="change a value of the model: dotted path of the key, TOML value; may be repeated",
         )
-    return parser
+    if name == "generate":
+        parser.formatter_class = argparse.RawDescriptionHelpFormatter
+        parser.epilog = f"functions:\n{_function_list()}"
+    defaults = defaults_of(verb.function) if verb.function else {}
+    for title, options in verb.sections.items():
+        exclusive: dict[str, Any] = {}
+        for option in options:
+            section: Any = parser if option.place else parser.section(title)
+            if option.group:
+                if option.group not in exclusive:
+                    exclusive[option.group] = section.add_mutually_exclusive_group()
+                section = exclusive[option.group]
+            _add_option(parser, section, option, defaults.get(option.parameter))
+    _add_message_arguments(parser)
+
+
+def _add_option(parser: Parser, section: Any, option: Option, default: Any) -> None:
+    """Add an option, and its former names, which do not appear in the help."""
+    kind: Any = {"type": _type(option)} if option.takes_value else {"nargs": 0}
+    shown: dict[str, Any] = {"help": help_of(option, default).replace("%", "%%")}
+    choices = choices_of(option)
+    if choices:
+        kind["choices"] = choices
+    if option.metavar:
+        shown["metavar"] = option.metavar
+    if option.place:
+        more = {"nargs": "?"} if default is not None else {}
+        section.add_argument(option.name, **kind, **shown, **more)
+        return
+    if not option.takes_value:
+        constant = not option.name.startswith("no_")
+        kind["const"] = constant
+        how: dict[str, Any] = {"action": "store_const", "const": constant}
+        section.add_argument(option.option, dest=option.parameter, **how, **shown)
+    else:
+        how = {"action": "append" if option.several else Once if option.once else "store", "required": option.required}
+        section.add_argument(option.option, dest=option.parameter, **kind, **how, **shown)
+    for former in option.old:
+        old, _, value = former.partition("=")
+        if value:
+            kind = {"nargs": 0, "const": value}
+        new = f"{option.option} {value}".rstrip()
+        parser.add_argument(old, dest=option.parameter, action=OldName, metavar=new, help=argparse.SUPPRESS, **kind)
+
+
+def _type(option: Option) -> Any:
+    """The function that turns a text into the value of an option."""
+    name, _, least = option.kind.partition(" ")
+    if least:
+        return argument_types.whole(int(least))
+    if name:
+        return getattr(argument_types, name)
+    return argument_types.file_path if option.metavar in PATHS else None
 
 
 def _add_message_arguments(parser: Parser) -> None:
@@ -131,78 +190,15 @@ def _add_message_arguments(parser: Parser) -> None:
     amount = section.add_mutually_exclusive_group()
     amount.add_argument("-q", "--quiet", action="store_true", help="no progress messages on standard error")
     amount.add_argument("-v", "--verbose", action="store_true", help="more details, and the time of each message")
-    section.add_argument("--log", metavar="FILE", type=file_path, help="append messages and results to this file")
+    help_log = "append messages and results to this file"
+    section.add_argument("--log", metavar="FILE", type=argument_types.file_path, help=help_log)
     section.add_argument("-h", "--help", action="help", help="show this help")
-
-
-def _add_derive_arguments(parser: Parser) -> None:
-    files = parser.section("files")
-    kind = files.add_mutually_exclusive_group()
-    kind.add_argument("--text", action="store_true", help="equations as plain text (default for small models)")
-    kind.add_argument("--latex", action="store_true", help="equations as a LaTeX document")
-    files.add_argument(
-        "--out", metavar="FILE", type=file_path, help="write the equations to this file (.tex: as LaTeX)"
-    )
-
-
-def _add_analyze_arguments(parser: Parser) -> None:
-    where = parser.section("where")
-    where.add_argument(
-        "--pose", metavar="Q ...", type=numbers, help="arm coordinates [rad or m], such as 0.3 -1.1 0; default: home"
-    )
-    where.add_argument("--move", metavar="NAME", action=Once, help="also analyze zeros and solvability along this move")
-    parser.section("files").add_argument(
-        "--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR"
-    )
-
-
-def _add_generate_arguments(parser: Parser) -> None:
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = f"functions:\n{_function_list()}"
-    parser.add_folder("folder of the library; default: generated/MODEL")
-    files, content, build = parser.section("files"), parser.section("content"), parser.section("compilation")
-    build.add_argument("--no-build", action="store_true", help="write the sources, do not compile")
-    content.add_argument(
-        "--functions",
-        metavar="NAME,NAME,...",
-        type=names,
-        help="only these functions of the list below, without inversion of whole paths; default: all",
-    )
-    content.add_argument(
-        "--parameters",
-        metavar="NAME,NAME,...",
-        type=names,
-        default=(),
-        help="model parameters that become arguments of the functions: payload, stiffness, damping, friction, "
-        "q2.stiffness, ...",
-    )
-    content.add_argument(
-        "--with",
-        dest="parts",
-        metavar="NAME,NAME,...",
-        type=names,
-        default=(),
-        help="optional parts: bvp, another method for whole paths, to check invert",
-    )
-    content.add_argument("--single", action="store_true", help="single precision (float); default: double")
-    build.add_argument(
-        "--native", action="store_true", help="contract products and sums: a little faster, results differ by rounding"
-    )
-    build.add_argument(
-        "--isa",
-        metavar="ISA",
-        default="native",
-        type=isa,
-        help="instruction set of the compiled libraries, same results for each: native (this processor, the default), "
-        "x86-64, v2, v3 (AVX2) or v4 (AVX-512) for other computers",
-    )
-    build.add_argument("--openmp", action="store_true", help="batch functions use all cores")
-    files.add_argument("--amalgamate", action="store_true", help="write one header and one C file")
-    files.add_argument("--force", action="store_true", help="build even if nothing has changed")
 
 
 def _function_list() -> str:
     """The functions of `flexgen.mechanics.signatures`, one paragraph each."""
+    from flexgen.mechanics.signatures import TABLE
+
     width = max(min(100, shutil.get_terminal_size().columns - 2), 60)
     layout: dict[str, Any] = {"subsequent_indent": " " * 32, "break_on_hyphens": False}
     return "\n".join(textwrap.fill(r.summary, width, initial_indent=f"  {r.name:<30}", **layout) for r in TABLE)

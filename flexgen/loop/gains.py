@@ -13,14 +13,16 @@ import numpy as np
 from flexgen.analysis import second_order
 from flexgen.arguments import is_number
 from flexgen.display import short_repr
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import Cascade, Filter
 from flexgen.loop.plants import LocalDynamics, check_motion
-from flexgen.mechanics.equations import derive
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.simulation.motor_feedback import MULTIPLES, RIGID_HZ
 from flexgen.type_checks import checked_class
 
+LATE = 2e-3  # s: sample time and delay of proposed gains, one update of 1 ms each
 SAMPLED_GAIN = 0.3  # largest speed gain times sample time and delay, over the inertia with all springs soft
 
 
@@ -128,3 +130,15 @@ def lowest_locked_hz(model: RobotModel, motion: Sequence[np.ndarray]) -> float:
     """Lowest natural frequency with the motors locked at a pose [Hz]; 0 where nothing is elastic then."""
     M, _, K, _ = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
     return second_order.lowest_locked_hz(model, M, K)
+
+
+def proposed_gains(equations: Equations) -> Cascade | None:
+    """Gains of a P-PI cascade at home, by the rule of `flexgen.control`; None where the pose has none."""
+    robot = equations.model
+    try:
+        rest = hold_joints(equations, np.asarray(robot.home, dtype=float))
+    except SolverError:
+        return None
+    zero_a, zero_m = np.zeros((1, robot.n_a)), np.zeros((1, robot.n_m))
+    motion = (rest.q_a[None], zero_a, zero_a, rest.q_m[None], zero_m, zero_m, rest.tau_m[None])
+    return PPI().cascade(robot, LATE, motion)

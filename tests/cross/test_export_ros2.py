@@ -59,7 +59,7 @@ def compiled(folder: Path, *sources: Path, flags: tuple[str, ...] = ()) -> list[
 def package(tmp_path_factory):
     """The package of planar5_nmp."""
     folder = tmp_path_factory.mktemp("ros2")
-    flexgen.export_ros2(NAME, folder)
+    flexgen.export_ros2(NAME, folder, gains=None)
     return folder
 
 
@@ -350,12 +350,12 @@ def test_names_equal_to_words_of_the_templates_are_kept(tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("flexgen.exports.ros2.export.emitted", lambda *_, **__: library)
         flexgen.export_ros2(NAME, tmp_path / "a", package="model", maintainer="flexgen_model @RATE@")
-    flexgen.export_ros2(NAME, tmp_path / "b", package="zzz", maintainer="maintainer")
+    flexgen.export_ros2(NAME, tmp_path / "b", package="zzz", maintainer="owner")
     for path in (p for p in (tmp_path / "a").rglob("*") if p.is_file() and p.name != "flexgen_export.json"):
         relative = path.relative_to(tmp_path / "a").as_posix()
         other = relative.replace("include/model", "include/zzz").replace("flexgen_model", NAME)
         text = renamed((tmp_path / "b" / other).read_text("ascii")).replace("zzz", "model").replace("ZZZ", "MODEL")
-        assert path.read_text("ascii") == text.replace("maintainer", "flexgen_model @RATE@"), relative
+        assert path.read_text("ascii") == text.replace("owner", "flexgen_model @RATE@"), relative
 
 
 def test_wrong_arguments(tmp_path):

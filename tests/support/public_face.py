@@ -14,8 +14,8 @@ from typing import Any
 from unittest import mock
 
 import flexgen
-from flexgen.cli import completion
 from flexgen.cli.parser import build_parser
+from flexgen.cli.verbs import completion
 
 FOLDER = Path(__file__).resolve().parents[1] / "golden" / "face"
 MODELS = ["elbow", "four_mass"]  # that the completion scripts know

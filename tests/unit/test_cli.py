@@ -18,10 +18,11 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.cli import verbs
+from flexgen.cli import result
 from flexgen.cli.main import main
 from flexgen.cli.printing import analysis_text, as_json, figure_rows, figures, number, plain, roots, table
-from flexgen.cli.solve import inaccuracy
+from flexgen.cli.verbs import robot
+from flexgen.cli.verbs.solve import inaccuracy
 from flexgen.inversion.status import Status
 from flexgen.mechanics.signatures import TABLE
 from flexgen.trajectory import Trajectory
@@ -484,7 +485,7 @@ def test_help_of_generate_lists_the_functions_and_loads_nothing_heavy():
         (["desribe", "elbow"], "'describe'"),
         (["solve", "elbow", "--method", "colocation"], "'collocation'"),
         (["solve", "elbow", "--mov", "line"], "'--move'"),
-        (["generate", "elbow", "--singel"], "'--single'"),
+        (["generate", "elbow", "--precisoin"], "'--precision'"),
         (["analyze", "elbow", "--move", "lin"], "'line'"),
         (["solve", "elbow", "--move", "jonts"], "'joints'"),
         (["solve", "planar5_nmp", "--moves", ROOT / "examples" / "program.toml", "--move", "seem"], "'seam'"),
@@ -504,11 +505,11 @@ def noise(args, log):
     print("from Python")
     os.write(1, b"from C\n")
     log("progress")
-    return verbs.VerbResult({"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"])
+    return result.VerbResult({"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"])
 
 
 def test_only_the_result_is_on_standard_output(ask, run, monkeypatch):
-    monkeypatch.setattr(verbs, "models", noise)
+    monkeypatch.setattr(robot, "models", noise)
     _, data, err = ask("models")
     assert data == {"x": None, "y": [None, [0, 1]]}
     for text in ("from Python", "from C", "progress", "flexgen: warning: careful"):
@@ -524,7 +525,7 @@ def test_unexpected_ends(ask, monkeypatch, error, expected):
     def fail(args, log):
         raise error
 
-    monkeypatch.setattr(verbs, "models", fail)
+    monkeypatch.setattr(robot, "models", fail)
     status, data, err = ask("models")
     assert status == expected and data["error"] and err.startswith("flexgen: ")
 
@@ -544,7 +545,7 @@ def test_numerical_failures_name_the_model(ask, monkeypatch, error):
         warnings.warn("overflow encountered", RuntimeWarning, stacklevel=1)
         raise error
 
-    monkeypatch.setattr(verbs, "analyze", fail)
+    monkeypatch.setattr(robot, "analyze", fail)
     status, data, err = ask("analyze", "elbow@rigid")
     assert status == 1 and data["error"].startswith("analyze elbow@rigid: the computation failed")
     assert "the numbers of the model" in data["error"] and err == f"flexgen: {data['error']}\n"
@@ -560,9 +561,9 @@ def test_interruption_that_a_solver_swallows(ask, monkeypatch):
     def swallow(args, log):
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        return verbs.VerbResult({"half": 1}, "half")
+        return result.VerbResult({"half": 1}, "half")
 
-    monkeypatch.setattr(verbs, "models", swallow)
+    monkeypatch.setattr(robot, "models", swallow)
     status, data, _ = ask("models")
     assert status == 130 and data == {"error": "interrupted"}
 

@@ -10,7 +10,7 @@ import pytest
 from flexgen.cli.argument_types import numbers
 from flexgen.cli.main import main
 from flexgen.cli.parser import UsageError, build_parser, parse
-from flexgen.cli.verbs import VerbResult
+from flexgen.cli.result import VerbResult
 
 PARSER = build_parser()
 VERBS = {" ".join(verb.prog.split()[1:]): verb for verb in PARSER.verbs()}

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import pytest
 
-from flexgen.cli import sweep as sweep_verb
-from flexgen.cli.completion import SHELLS, verbs
 from flexgen.cli.main import main
 from flexgen.cli.parser import build_parser, parse
 from flexgen.cli.printing import fitted, table
+from flexgen.cli.verbs import sweep as sweep_verb
+from flexgen.cli.verbs.completion import SHELLS, verbs
 from flexgen.library import compiler
 from flexgen.model.catalogue import models
 

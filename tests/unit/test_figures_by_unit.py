@@ -9,7 +9,7 @@ import pytest
 
 import flexgen
 from flexgen.cli.printing import figure_rows
-from flexgen.cli.solve import inaccuracy
+from flexgen.cli.verbs.solve import inaccuracy
 from flexgen.inversion import solve as solve_module
 from flexgen.simulation.figures import measured
 from flexgen.simulation.simulate import simulate

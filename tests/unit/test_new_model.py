@@ -10,9 +10,9 @@ import pytest
 
 import flexgen
 from flexgen.cli.main import main
-from flexgen.cli.own_robot.new import TEMPLATES
 from flexgen.model.reader import read
 from flexgen.model.templates import new_model
+from flexgen.verbs import LISTS
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "models" / "urdf_arm.urdf"
@@ -40,12 +40,12 @@ def made(tmp_path, capsys):
 
 
 def test_the_command_line_offers_the_templates_that_exist():
-    assert new_model.TEMPLATES == TEMPLATES
+    assert LISTS["TEMPLATES"]() == new_model.TEMPLATES
     folder = Path(new_model.__file__).parent
-    assert sorted(path.stem for path in folder.glob("*.toml")) == sorted(TEMPLATES)
+    assert sorted(path.stem for path in folder.glob("*.toml")) == sorted(LISTS["TEMPLATES"]())
 
 
-@pytest.mark.parametrize("template", TEMPLATES)
+@pytest.mark.parametrize("template", LISTS["TEMPLATES"]())
 def test_a_template_is_plausible_and_its_numbers_have_comments(made, template):
     path = made("--template", template)
     robot = read(path)
@@ -59,7 +59,7 @@ def test_a_template_is_plausible_and_its_numbers_have_comments(made, template):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("template", TEMPLATES)
+@pytest.mark.parametrize("template", LISTS["TEMPLATES"]())
 def test_the_default_move_of_a_template_is_solved(made, template):
     solution = flexgen.solve(made("--template", template))
     assert str(solution.status) == "solved"

@@ -9,8 +9,9 @@ import json
 import numpy as np
 import pytest
 
-from flexgen.cli.argument_parser import Parser, UsageError
-from flexgen.cli.sweep import add_arguments, run
+from flexgen.cli.argument_parser import UsageError
+from flexgen.cli.parser import parse
+from flexgen.cli.verbs.sweep import sweep as run
 from flexgen.errors import ArgumentError
 from flexgen.sweeps.table import RESULTS, Column, Table, table_of
 
@@ -104,9 +105,7 @@ def test_parquet_without_pyarrow_is_an_error_that_names_it(tmp_path, monkeypatch
 
 
 def arguments(*words: str) -> argparse.Namespace:
-    parser = Parser()
-    add_arguments(parser)
-    return parser.parse_args(words)
+    return parse(["sweep", *words])
 
 
 def test_the_command_line(tmp_path) -> None:
@@ -116,19 +115,20 @@ def test_the_command_line(tmp_path) -> None:
         "[options]\nverify = false\nbatch = true\n",
         encoding="utf-8",
     )
-    data, text, problem, warnings, details = run(
-        arguments(str(file), "--out", str(out), "--workers", "0", "--shard-size", "2"), lambda line: None
-    )
-    assert (data["cases"], data["failed"], problem) == (6, 3, "") and len(details.splitlines()) == 3
+    found = run(arguments(str(file), "--out", str(out), "--workers", "0", "--shard-size", "2"), lambda line: None)
+    data, text, warnings, details = found.data, found.text, found.warnings, found.details
+    assert (data["cases"], data["failed"], found.problem) == (6, 3, "") and len(details.splitlines()) == 3
     (failure,) = data["failures"]
     assert len(failure["cases"]) == 3 and len(warnings) == 1 and warnings[0].startswith("3 cases failed (3, 4, 5)")
     assert json.dumps(data) and [group["cases"] for group in data["groups"]] == [3, 3]
     assert "6 cases, 3 failed" in text and "closed-form" in text and f"wrote {out / 'results.npz'}" in text
     assert data["digest"] == Table.load(out / "results.npz").digest
     again = run(arguments(str(file), "--out", str(out), "--workers", "0", "--resume"), lambda line: None)
-    assert again[0]["digest"] == data["digest"]
+    assert again.data["digest"] == data["digest"]
     file.write_text('models = ["nowhere"]\n', encoding="utf-8")
-    assert run(arguments(str(file), "--out", str(tmp_path / "bad"), "--workers", "0"), print)[2] == "all cases failed"
+    assert (
+        run(arguments(str(file), "--out", str(tmp_path / "bad"), "--workers", "0"), print).problem == "all cases failed"
+    )
     for wrong in (("--workers", "-1"), ("--workers", "two"), ("--shard-size", "0")):
         with pytest.raises(UsageError):
             arguments("grid.toml", "--out", "x", *wrong)

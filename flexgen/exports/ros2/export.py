@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Mapping
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.source_folder import Exported, folder_of, write_folder
 from flexgen.exports.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
+from flexgen.loop.gains import proposed_gains
 from flexgen.numerics.evaluate import evaluate
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
@@ -26,15 +28,15 @@ _EMAIL = re.compile(r"[A-Za-z0-9._%+-]+@[A-Za-z0-9.-]+\Z")
 _ROS = ("controller_interface", "hardware_interface", "rclcpp_lifecycle", "std_msgs")
 # Keywords of C++20, and names that no namespace of a package can have: linux and unix are macros of some compilers.
 _RESERVED = frozenset(
-    (
-        "alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t "
-        "class compl concept const consteval constexpr constinit const_cast continue co_await co_return co_yield "
-        "decltype default delete do double dynamic_cast else enum explicit export extern false float for friend "
-        "goto if inline int long mutable namespace new noexcept not not_eq nullptr operator or or_eq private "
-        "protected public register reinterpret_cast requires return short signed sizeof static static_assert "
-        "static_cast struct switch template this thread_local throw true try typedef typeid typename union unsigned "
-        "using virtual void volatile wchar_t while xor xor_eq linux std unix"
-    ).split()
+    """
+    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t class
+    compl concept const consteval constexpr constinit const_cast continue co_await co_return co_yield decltype
+    default delete do double dynamic_cast else enum explicit export extern false float for friend goto if inline int
+    long mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public register
+    reinterpret_cast requires return short signed sizeof static static_assert static_cast struct switch template
+    this thread_local throw true try typedef typeid typename union unsigned using virtual void volatile wchar_t
+    while xor xor_eq linux std unix
+    """.split()
 )
 _NEEDED = frozenset({*_ROS, "controller_manager", "eigen", "inverse_dynamics_interface", "pluginlib", "rclcpp"})
 
@@ -46,7 +48,7 @@ def export_ros2(
     *,
     package: str | None = None,
     controller: bool = True,
-    gains: Cascade | None = None,
+    gains: Cascade | Literal["proposed"] | None = "proposed",
     maintainer: str = "maintainer",
     email: str = "maintainer@example.com",
     license_name: str = "MIT",
@@ -68,9 +70,9 @@ def export_ros2(
         ``flexgen_<name>``.
     controller : bool
         False: the plugin only, for models without streams.
-    gains : Cascade, optional
-        Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``; without them the
-        parameters are empty, and the controller refuses to start until they are set.
+    gains : Cascade, "proposed" or None
+        Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``; "proposed": those at
+        home; None: open, and the controller refuses to start until they are set.
     maintainer, email, license_name : str
         For ``package.xml``.
     force : bool
@@ -101,6 +103,8 @@ def export_ros2(
         )
     if not _EMAIL.match(email):
         raise ArgumentError(f"email: given {email!r}, expected an address such as name@example.com")
+    if gains == "proposed":
+        gains = proposed_gains(library.equations) if controller else None
     if gains is not None and not controller:
         raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")
     words = _words(library, chosen, controller, gains)
@@ -112,10 +116,7 @@ def export_ros2(
         "MAINTAINER": xml_text(maintainer),
         "LICENSE": xml_text(license_name),
     }
-    texts = {
-        f"src/{name}.c": library.source,
-        f"include/{chosen}/{name}.h": library.header,
-    }
+    texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
     for file, path in _files(chosen, controller).items():
         texts[path] = _rendered(file, chosen, name, words)
     return write_folder(folder_of(directory, chosen), "ros2", name, texts, force=force)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import duration, figure_rows, figures, paragraph, plain, suggestion
-from flexgen.cli.verbs import Progress, VerbResult, alone, check_report, check_writable, derived, writing
+from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, derived, keywords, writing
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 
@@ -28,7 +28,7 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
         raise ArgumentError(
             "--robustness: given without --report, expected also --report DIR, because the table is part of the report"
         )
-    if args.no_verify:
+    if not args.verify:
         alone(args, "--no-verify", "accuracy", "robustness")
     several = len(args.move or ()) > 1
     outputs = [(_named(args.out, name), _below(args.report, name)) for name in args.move] if several else []
@@ -96,30 +96,19 @@ def _solve_one(
     log: Progress,
 ) -> VerbResult:
     """Solve one move; write trajectory and report to the two paths, where given."""
-    from flexgen.inversion.solve import ACCURACY
     from flexgen.inversion.solve import solve as solve_move
 
     out, report = outputs
     if args.fastest:
         from flexgen.performance.minimum_time import fastest
 
-        move, limits = fastest(equations, move, limits=limits, time_limit=args.time, progress=log).move, None
-    accuracy = ACCURACY if args.accuracy is None else args.accuracy
+        move, limits = fastest(equations, move, limits=limits, time_limit=args.time_limit, progress=log).move, None
     solution = solve_move(
         equations,
         move,
-        args.method,
-        preview=args.preview,
-        mesh=args.mesh,
         limits=limits,
-        verify=not args.no_verify,
-        accuracy=accuracy,
-        hold=args.hold,
-        sample_time=args.sample_time,
-        delay=args.delay,
-        time_limit=args.time,
         ignore_limits=args.ignore_limits or args.fastest,
-        fixed_joint=args.fixed_joint,
+        **keywords(args, "move", "limits", "ignore_limits", "fastest"),
         progress=log,
     )
     if solution.model.output != equations.model.output:  # all joints, of an arm with more motors than outputs
@@ -143,7 +132,7 @@ def _solve_one(
         data |= _report(args, equations, solution, report, log)
         lines.append(f"wrote {data['report']}")
     text = "\n".join(lines).rstrip("\n")
-    problem, failure = problem_of(solution, accuracy)
+    problem, failure = problem_of(solution, args.accuracy)
     return VerbResult(data, text, problem, list(solution.warnings), _details(solution), solution.interrupted, failure)
 
 
@@ -154,7 +143,7 @@ def _report(
     from flexgen.inversion.comparison import compare_methods, error_rows
     from flexgen.reports.html import write_report
 
-    compared = () if args.no_verify else compare_methods(equations, solution, log)
+    compared = () if not args.verify else compare_methods(equations, solution, log)
     data: dict[str, Any] = {"comparison": error_rows(compared)}
     rows = None
     if args.robustness:

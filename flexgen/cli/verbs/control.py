@@ -7,9 +7,9 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from flexgen.cli.identify import throttled
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.verbs import Progress, VerbResult, alone, check_report, check_writable, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, keywords, read_model, writing
+from flexgen.cli.verbs.identify import throttled
 from flexgen.errors import ArgumentError
 
 
@@ -22,22 +22,14 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.loop.result import UNITS, columns_in
 
     model = read_model(args)
-    names = [name for name, _ in args.plant or ()]
+    names = [name for name, _ in args.plants or ()]
     if len(set(names)) != len(names):
         raise ArgumentError(f"--plant: given {', '.join(names)}, expected different names")
     run = simulate(
         model,
-        args.move,
-        controller=args.controller,
-        sample_time=args.sample_time,
-        delay=args.delay,
-        plants=dict(args.plant or ()),
-        disturbances=[Disturbance(**given) for given in args.disturb or ()],
-        encoder_noise=args.encoder_noise,
-        encoder_resolution=args.encoder_resolution,
-        torque_limits=not args.no_limits,
-        exact_state=args.exact_state,
-        seed=args.seed,
+        plants=dict(args.plants or ()),
+        disturbances=[Disturbance(**given) for given in args.disturbances or ()],
+        **keywords(args, "plants", "disturbances"),
         progress=throttled(log),
     )
     rows = []
@@ -90,17 +82,8 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
     model = read_model(args)
     learned = iterate(
         model,
-        args.move,
         plant=args.plant[1] if args.plant else None,
-        iterations=args.iterations,
-        gain=args.gain,
-        frequency_hz=args.frequency,
-        measured_by=args.measured_by,
-        controller=args.controller,
-        sample_time=args.sample_time,
-        delay=args.delay,
-        encoder_noise=args.encoder_noise,
-        seed=args.seed,
+        **keywords(args, "plant"),
         progress=log,
     )
     text = [str(learned)]
@@ -185,11 +168,7 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
     began = time.perf_counter()
     tuned = improve(
         args.scenario,
-        args.controller,
-        evaluations=args.evaluations,
-        starts=args.starts,
-        workers=args.workers,
-        seed=args.seed,
+        **keywords(args),
         progress=throttled(log),
     )
     with writing(out):
@@ -221,12 +200,8 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
     numbers = {key: list(x) if len(x) > 1 else x[0] for key, x in own.items() if x is not None}
     found = search(
         model,
-        args.move,
         limits=limits_for(model, **numbers) if numbers else None,
-        torque_rate=args.torque_rate,
-        vibration=args.vibration,
-        coefficients=args.coefficients,
-        time_limit=args.time,
+        **keywords(args),
         progress=throttled(log),
     )
     text = [str(found)]

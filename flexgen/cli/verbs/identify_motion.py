@@ -6,7 +6,7 @@ from argparse import Namespace
 from typing import Any
 
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.verbs import Progress, VerbResult, alone, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, alone, read_model, writing
 from flexgen.errors import ArgumentError
 
 OF_RESPONSES = ("residual", "floor", "starts", "refine", "move", "truth")  # options of fits to frequency responses
@@ -20,7 +20,7 @@ def rigid(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.recordings.rigid_file import motions_of, rigid_deviations, rigid_numbers, write_rigid
 
     alone(args, "--rigid", "structure", "segments", *OF_RESPONSES, "free", "fixed", "start", "report")
-    model, data = read_model(args), read_description(args.frf)
+    model, data = read_model(args), read_description(args.data)
     held_out = None if args.validate is None else read_description(args.validate)
     log(f"fitting the bodies of {model.name} to {len(data.recordings)} recordings")
     balance = {name: int(count) for name, count in args.counterbalance or ()}
@@ -62,7 +62,7 @@ def rigid(args: Namespace, log: Progress) -> VerbResult:
         lines += [f"  {name}: {deflection.sentence}" for name, deflection in springs]
     if args.out is not None:
         with writing(args.out):
-            result["model_file"] = str(write_rigid(found, args.out, str(args.frf)))
+            result["model_file"] = str(write_rigid(found, args.out, str(args.data)))
         lines += ["", f"wrote {args.out}"]
     good = found.status in (RigidStatus.FITTED, RigidStatus.NOT_CHECKED)
     return VerbResult(result, "\n".join(lines), problem="" if good else f"{found.status}: {found.status.sentence}")
@@ -122,7 +122,7 @@ def segments(args: Namespace, log: Progress) -> VerbResult:
     model = read_model(args)
     found = fit_motion(
         model,
-        args.frf,
+        args.data,
         free=args.free,
         fixed=args.fixed,
         start={key: float(value) for key, value in args.start or ()},

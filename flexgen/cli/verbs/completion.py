@@ -13,7 +13,7 @@ FILES = ("FILE", "DIR", "GRID", "TRAJECTORY")  # placeholders of arguments that 
 
 def completion(args: argparse.Namespace, log: Callable[[str], None]) -> Any:
     """Print a script that completes verbs, options and models in a shell."""
-    from flexgen.cli.verbs import VerbResult
+    from flexgen.cli.result import VerbResult
     from flexgen.model.catalogue import models
 
     names = [str(row["name"]) for row in models({})]

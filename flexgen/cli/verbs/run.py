@@ -8,17 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import figure_rows, figures, one_line, plain
-from flexgen.cli.solve import inaccuracy, problem_of
-from flexgen.cli.verbs import (
+from flexgen.cli.result import (
     Progress,
     VerbResult,
     check_report,
     check_writable,
     derived,
-    generated_dict,
+    keywords,
     read_model,
     writing,
 )
+from flexgen.cli.verbs.generate import generated_dict
+from flexgen.cli.verbs.solve import inaccuracy, problem_of
 
 if TYPE_CHECKING:
     from flexgen.inversion.solution import Solution
@@ -50,9 +51,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     generated = generate_library(robot, args.out, progress=log)
     library = load(generated.directory)
     log("solve: inverse dynamics of the move, verified by forward simulation")
-    solution = solve_move(
-        equations, args.move, args.method, time_limit=args.time, ignore_limits=args.ignore_limits, progress=log
-    )
+    solution = solve_move(equations, **keywords(args), progress=log)
     if solution.interrupted:
         return _interrupted(solution, directory)
     checked = _check_library(library, equations, solution)

@@ -6,8 +6,8 @@ from argparse import Namespace
 
 from flexgen.atomic_files import write_text
 from flexgen.cli.printing import number, table
-from flexgen.cli.solve import chosen_move
-from flexgen.cli.verbs import Progress, VerbResult, check_own, check_writable, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, check_own, check_writable, read_model, writing
+from flexgen.cli.verbs.solve import chosen_move
 
 
 def path(args: Namespace, log: Progress) -> VerbResult:

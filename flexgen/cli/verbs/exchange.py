@@ -6,7 +6,7 @@ import json
 from argparse import Namespace
 
 from flexgen.atomic_files import write_text
-from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, check_writable, read_model, writing
 from flexgen.errors import ArgumentError
 
 

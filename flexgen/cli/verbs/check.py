@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from flexgen.cli.printing import paragraph, table
-from flexgen.cli.verbs import Progress, VerbResult, derived
+from flexgen.cli.result import Progress, VerbResult, derived
 from flexgen.errors import FlexgenError
 
 HINTED = ("analyze", "solve", "simulate", "run", "control", "fastest", "learn")  # verbs that compute with all numbers

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import re
-from collections.abc import Callable, Sequence
+from argparse import Namespace
+from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.argument_parser import Parser
-from flexgen.cli.argument_types import file_path, whole
+from flexgen.cli.result import Progress, VerbResult, keywords
 
 if TYPE_CHECKING:
     from flexgen.sweeps.sweep import SweepResult
@@ -19,47 +18,17 @@ _NUMBER = re.compile(r"\d[\d.]*(?:[eE][-+]?\d+)?")
 SHOWN = 5  # reasons of failures that are printed, and cases that are named for each
 
 
-def add_arguments(parser: Parser) -> None:
-    """Add the arguments of the verb to its parser."""
-    parser.add_argument(
-        "grid", metavar="GRID", type=file_path, help="TOML file with models, moves, methods and parameters"
-    )
-    files, work = parser.section("files"), parser.section("work")
-    files.add_argument("--out", metavar="DIR", type=file_path, required=True, help="directory for shards and tables")
-    work.add_argument(
-        "--workers",
-        metavar="N",
-        type=whole(0),
-        help="worker processes; 0 or 1: run in this process; default: one per core",
-    )
-    work.add_argument(
-        "--shard-size",
-        metavar="N",
-        type=whole(1),
-        help="cases per shard, the unit of work and of saved results; default: 1 to 16",
-    )
-    work.add_argument("--resume", action="store_true", help="continue the sweep in DIR")
-    files.add_argument("--parquet", action="store_true", help="write results.parquet too (needs pyarrow)")
-
-
-def run(args: argparse.Namespace, log: Callable[[str], None]) -> tuple[dict[str, Any], str, str, list[str], str]:
-    """Run the sweep; return JSON data, the same as text, the reason of a failure (or ""), warnings and details."""
+def sweep(args: Namespace, log: Progress) -> VerbResult:
+    """Solve all cases of a grid of models, parameters, moves and methods."""
     from flexgen.errors import ArgumentError
     from flexgen.sweeps.grid_file import read_grid
-    from flexgen.sweeps.sweep import sweep
+    from flexgen.sweeps.sweep import sweep as sweep_grid
 
     if args.parquet and find_spec("pyarrow") is None:  # checked before the sweep runs
         raise ArgumentError("--parquet: needs the package pyarrow; run: pip install pyarrow")
     grid = read_grid(args.grid)
     log(f"{len(grid)} cases; the remaining time is printed after each batch of cases")
-    swept = sweep(
-        grid,
-        args.out,
-        workers=args.workers,
-        shard_size=args.shard_size,
-        resume=args.resume,
-        progress=log,
-    )
+    swept = sweep_grid(grid, args.out, **keywords(args, "grid", "out"), progress=log)
     files = [args.out / "results.npz", args.out / "times.npz"]
     if args.parquet:
         files.append(swept.results.save(args.out / "results.parquet"))
@@ -78,7 +47,7 @@ def run(args: argparse.Namespace, log: Callable[[str], None]) -> tuple[dict[str,
         warnings.append(f"{more} more cases failed for other reasons; see --verbose or column error of {files[0]}")
     problem = "all cases failed" if len(failures) == len(swept.results) else ""
     details = "\n".join(f"case {k}: {swept.results['error'][k]}" for k in failures)
-    return data, _text(data), problem, warnings, details
+    return VerbResult(data, _text(data), problem, warnings, details)
 
 
 def reasons(cases: Sequence[int], errors: Sequence[str]) -> list[dict[str, Any]]:

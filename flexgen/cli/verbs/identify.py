@@ -8,9 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flexgen.cli.identify_motion import OF_RESPONSES, rigid, segments
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.verbs import Progress, VerbResult, alone, check_report, check_writable, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, keywords, read_model, writing
+from flexgen.cli.verbs.identify_motion import OF_RESPONSES, rigid, segments
 from flexgen.errors import ArgumentError
 
 EVERY = 2.0  # s between progress messages
@@ -39,29 +39,16 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     model = read_model(args)
     hardware = DriveHardware(
         sample_s=args.sample_time or 5e-4,
-        delay_s=args.delay,
-        encoder_resolution_rad=args.encoder_resolution,
-        encoder_noise_rad=args.encoder_noise,
-        torque_noise_Nm=args.torque_noise,
+        delay_s=args.delay or 0.0,
+        encoder_resolution_rad=args.encoder_resolution or 0.0,
+        encoder_noise_rad=args.encoder_noise or 0.0,
+        torque_noise_Nm=args.torque_noise or 0.0,
         torque_max_Nm=_limits(model),
     )
     plan = plan_experiment(
         model,
-        poses=args.poses,
-        criterion=args.criterion,
-        free=args.free,
-        speed_rms=args.speed_rms,
-        f_min=args.f_min,
-        f_max=args.f_max,
-        lines=args.lines,
-        period_s=args.period,
-        periods=args.periods,
-        transients=args.transients,
-        spectrum=args.spectrum,
-        sensors=args.sensors,
-        realizations=args.realizations,
         hardware=hardware,
-        seed=args.seed,
+        **keywords(args),
         progress=throttled(log),
     )
     with writing(args.out):
@@ -114,7 +101,7 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
 
         with writing(args.raw):
             writer = RecordingWriter(args.raw, plan, robot)
-    experiment = simulate(plan, robot, seed=args.seed, beside=args.beside, raw=writer, progress=throttled(log))
+    experiment = simulate(plan, robot, raw=writer, **keywords(args, "raw"), progress=throttled(log))
     wall = time.perf_counter() - began
     with writing(args.out):
         experiment.save(args.out)
@@ -157,7 +144,7 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
         experiment = read_experiment(args.experiment)
     else:
         experiment = Experiment.load(args.experiment)
-    found = estimate(experiment, average=args.average, transients=args.transients)
+    found = estimate(experiment, **keywords(args, "experiment"))
     with writing(args.out):
         found.save(args.out)
     data: dict[str, Any] = {
@@ -195,19 +182,15 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.graybox import identify as fit
     from flexgen.identification.result import FitStatus, deviation_text
 
-    model, data = read_model(args), Frf.load(args.frf)
+    model, data = read_model(args), Frf.load(args.data)
     if args.structure:
         return _structure(model, data, args, log)
     found = fit(
         model,
         data,
-        free=args.free,
-        fixed=args.fixed,
         start=_floats(args.start),
-        residual=args.residual,
-        floor=args.floor,
-        starts=args.starts,
-        source=str(args.frf),
+        source=str(args.data),
+        **keywords(args, "data", "start"),
         progress=throttled(log),
     )
     validation: tuple[dict[str, Any], list[str]] = ({}, [])

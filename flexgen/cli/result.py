@@ -1,0 +1,122 @@
+"""What a verb of the command line returns, and what all of them check before a long computation.
+
+Nothing heavy is imported before a verb runs, so that help and usage errors appear at once.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexgen.atomic_files import followed
+from flexgen.cli.defaults import defaults_of
+from flexgen.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from flexgen.mechanics.equations import Equations
+    from flexgen.model.elements import RobotModel
+
+Progress = Callable[[str], None]  # prints a progress message
+
+
+@dataclass
+class VerbResult:
+    """The result of a verb.
+
+    ``data``: the object for ``--json``; ``text``: the same as text; ``problem``: reason of a failure, else empty;
+    ``warnings``: messages for standard error; ``details``: more text, for ``--verbose``; ``interrupted``: Ctrl-C ended
+    the computation, and the result is what was reached; ``failure``: the exit status with a problem.
+    """
+
+    data: dict[str, Any]
+    text: str
+    problem: str = ""
+    warnings: list[str] = field(default_factory=list)
+    details: str = ""
+    interrupted: bool = False
+    failure: int = 1
+
+
+def keywords(args: Namespace, *without: str) -> dict[str, Any]:
+    """The given arguments that are parameters of the public function of the verb, by name, but ``model`` and these."""
+    known = defaults_of(args.row.function)
+    return {name: getattr(args, name) for name in args.given if name in known and name not in ("model", *without)}
+
+
+def read_model(args: Namespace) -> RobotModel:
+    """Read the model of the command line, with its changes."""
+    from flexgen.model.reader import read
+
+    return read(args.model, overrides=dict(args.set or ()))
+
+
+def derived(args: Namespace, log: Progress | None = None) -> Equations:
+    """Derive the equations of motion of the model of the command line."""
+    from flexgen.mechanics.equations import derive
+
+    robot = read_model(args)
+    if log is not None:
+        log(f"deriving {robot.title}")
+    return derive(robot)
+
+
+def check_writable(path: Path | None, *, folder: bool = False) -> None:
+    """Check that an output path can be written, before a long computation starts.
+
+    Raises
+    ------
+    ArgumentError
+        It is a directory but a file is expected, or the reverse.
+    """
+    if path is None:
+        return
+    followed(path)
+    if not folder and path.is_dir():
+        raise ArgumentError(f"output: given {str(path)!r}, which is a directory, expected a file name")
+    ancestor = path if folder else path.parent
+    while not ancestor.exists() and ancestor != ancestor.parent:
+        ancestor = ancestor.parent
+    if not ancestor.is_dir():
+        raise ArgumentError(f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory")
+
+
+def check_own(path: Path | None, mark: bytes) -> None:
+    """Refuse to replace a text file that flexgen did not write; ``mark``: what its own have in their first lines."""
+    if path is None or not path.is_file():
+        return
+    with writing(path), path.open("rb") as stream:
+        head = stream.read(4096)
+    if mark not in head:
+        raise ArgumentError(
+            f"output: given {str(path)!r}, a file that flexgen did not write, expected a new one or one of its own; "
+            "choose another name, or move that file away"
+        )
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Name the path in the error if it cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise ArgumentError(f"output: cannot write {str(path)!r} ({error.strerror or error})") from None
+
+
+def alone(args: Namespace, option: str, *others: str) -> None:
+    """ArgumentError for options that have no effect beside this one."""
+    given = [name for name in others if name in args.given]
+    if given:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise ArgumentError(f"{option}: given with {names}, expected without: beside {option} that has no effect")
+
+
+def check_report(directory: Path | None) -> None:
+    """Refuse a folder of a report that cannot be written, or that has the page of another program."""
+    from flexgen.reports.folder import check_folder
+
+    check_writable(directory, folder=True)
+    check_folder(directory)

@@ -1,0 +1,419 @@
+"""The verbs of the command line: a row for each verb and each option.
+
+A verb: name, MODEL (``MODEL?``: optional), the function of `flexgen.cli.verbs` that prints its result, and the public
+function that it calls. An option: the parameter of that function, the placeholder of the value (none: a switch), the
+type of the value, and its help; names and defaults are those of the parameters, ``no_X`` switches X off. All words are
+explained in `flexgen.verb_rows`.
+
+Parser, help and completion of the command line are rendered from these rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from flexgen.inversion.method_table import method_names
+from flexgen.simulation.hold_names import HOLDS
+from flexgen.verb_rows import Option, Verb, verbs_of
+
+LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an error needs them
+    "METHODS": method_names,
+    "HOLDS": lambda: tuple(HOLDS),
+    "AVERAGES": lambda: ("arithmetic", "harmonic", "logarithmic", "h1"),
+    "SHELLS": lambda: ("bash", "zsh", "fish"),
+    "TEMPLATES": lambda: ("planar", "gantry", "scara", "six-axis"),
+}
+PHRASES = {
+    "CONTROLLERS": "a file .toml, .py (or file.py:Class) or a shared library",
+    "FACTORS": "factors of stiffness, damping, friction or a single number, payload in kg more",
+}
+
+# Options of several verbs, which write @NAME.
+SHARED = """
+@move
+    move NAME: a move or program of the model file; default: the first
+@moves
+    moves FILE: read moves and programs from this TOML file
+@method
+    method NAME in=METHODS: method of inverse dynamics: {METHODS}; default: {default}
+@ignore_limits
+    ignore_limits: report a solution beyond the limits of the model file as solved (for studies); without it the exit
+        status is 3
+@time
+    time_limit SECONDS not_negative --time: time limit of each solve [s]: then, or after Ctrl-C, it ends with the best
+        solution so far (exit status 1, or 130); default: {default}; 0: no limit
+@report
+    report DIR: write a self-contained HTML report to DIR
+@page
+    report DIR: write a self-contained HTML page to DIR
+@scenario
+    <scenario> SCENARIO: four_mass, two_link (four_mass@1: version 1), or the path of a .toml file like theirs
+@replace
+    force: also replace files that were changed since the export
+@no_stream
+    no_stream: without a stream, for models that have none
+@free
+    free NAME,NAME,... names: parameters: stiffness, damping, q1.stiffness, m1.viscous, delay, sensor_delay,
+        torque_constant, ...; default: stiffness, damping and the viscous frictions of the model
+@loop
+    controller NAME: ppi (P-PI cascade, the default), ppi_notch, lqg, none (feedforward only), {CONTROLLERS}
+    sample_time S positive: of the controller [s]; default: {default}
+    delay S not_negative: from a measurement to its torque [s]; default: {default}
+    encoder_noise RAD not_negative: of the motor angles [rad]; default: {default}
+    seed N whole_0: of the noise; default: {default}
+"""
+
+ROWS = """
+models | robot:models | models
+new | new:new
+    arguments
+        <name> NAME: of the robot, an identifier
+    content
+        template NAME in=TEMPLATES group=kind: {TEMPLATES}; default: planar
+        urdf FILE text group=kind: with elastic gears for a URDF file: FILE.urdf#BASE:TIP; default: its root and its
+            farthest link
+    files
+        out FILE: write to this file (.toml); default: NAME.toml
+        force: replace the file
+describe MODEL | robot:describe | describe
+check MODEL | check:check | check
+derive MODEL | robot:derive | derive
+    files
+        text group=kind: equations as plain text (default for small models)
+        latex group=kind: equations as a LaTeX document
+        out FILE: write the equations to this file (.tex: as LaTeX)
+analyze MODEL | robot:analyze | analyze
+    where
+        pose Q_... numbers: arm coordinates [rad or m], such as 0.3 -1.1 0; default: home
+        move NAME once: also analyze zeros and solvability along this move
+    files
+        @page
+generate MODEL | generate:generate | generate
+    content
+        functions NAME,NAME,... names: only these functions of the list below, without inversion of whole paths;
+            default: all
+        parameters NAME,NAME,... names: model parameters that become arguments of the functions: payload, stiffness,
+            damping, friction, q2.stiffness, ...
+        parts NAME,NAME,... names --with: optional parts: bvp, another method for whole paths, to check invert
+        precision NAME in=double/single old=--single=single: of the numbers in C; default: {default}
+    compilation
+        no_build: write the sources, do not compile
+        native: contract products and sums: a little faster, results differ by rounding
+        isa ISA isa: instruction set of the compiled libraries, same results for each: native (this processor, the
+            default), x86-64, v2, v3 (AVX2) or v4 (AVX-512) for other computers
+        openmp: batch functions use all cores
+    files
+        out DIR once old=--directory: folder of the library; default: generated/MODEL
+        amalgamate: write one header and one C file
+        force: build even if nothing has changed
+solve MODEL | solve:solve | solve
+    motion
+        move NAME several: a move or program of the model file; default: the first; given several times: all of them,
+            with FILE_NAME and DIR/NAME as outputs
+        @moves
+        fastest: with the fastest time law within the limits; 'flexgen fastest' has further options
+        fixed_joint NAME: of an arm with more motors than outputs: the joint that keeps its value in a move of the tool
+    method
+        @method
+        no_verify: skip the verification by forward simulation
+        preview S not_negative: longest time that the motion may start before the path [s]
+        mesh S positive: length of the mesh intervals [s]
+        limits: enforce the torque and speed limits of the model (methods lq, collocation, full)
+        accuracy X positive: largest accepted output error [m and rad]
+        @ignore_limits
+        @time
+    controller
+        hold NAME in=HOLDS: what the controller does between its ticks: spline (default), linear, or zoh (zero-order
+            hold); the torques to send are verified with it and written to FILE_command beside --out FILE
+        sample_time S positive: sample time of the controller [s]; default: 0.001
+        delay S not_negative: time from a tick of the controller until the motor has the torque [s]; default: {default}
+    files
+        out FILE trajectory_file: write the trajectory to this file (.npz, .csv or .mat)
+        @report
+        robustness: with --report: also simulate robots with stiffness errors of 5 and 20 % and mass errors of 5 %
+            (takes minutes)
+path MODEL | path:path | plan
+    motion
+        move NAME once: a move or program of the model file; default: the first
+        @moves
+        ignore_limits: also plan a path beyond the range of a joint
+    files
+        out FILE old=--table: write the path as a C header for MODEL_path_sample to this file
+simulate MODEL | solve:simulate | simulate
+    arguments
+        <trajectory> TRAJECTORY: file written by 'flexgen solve --out'
+    files
+        out FILE trajectory_file: write the simulated motion to this file
+sweep | sweep:sweep | sweep
+    arguments
+        <grid> GRID: TOML file with models, moves, methods and parameters
+    work
+        workers N whole_0: worker processes; 0 or 1: run in this process; default: one per core
+        shard_size N whole_1: cases per shard, the unit of work and of saved results; default: 1 to 16
+        resume: continue the sweep in DIR
+    files
+        out DIR required: directory for shards and tables
+        parquet: write results.parquet too (needs pyarrow)
+excite MODEL | identify:excite | excite
+    poses
+        poses N whole_1: number of poses to choose; default: {default}
+        criterion NAME in=A/D/random: of the best poses: A (least sum of variances, the default), D (least determinant)
+            or random
+        @free
+    excitation
+        speed_rms V positive: of each joint [rad/s or m/s]; default: {default}
+        f_min HZ positive: lowest frequency [Hz]; default: from the modes
+        f_max HZ positive: highest frequency [Hz]; default: from the modes
+        lines N whole_1: number of frequencies; default: {default}
+        spectrum POWER spectrum: speeds rise with this power of the frequency, or 'optimal': half of the power where it
+            tells most; default: {default}
+        period_s S positive --period: of the excitation [s]; default: {default}
+        periods N whole_1: that are measured; default: {default}
+        transients N whole_0: periods before them that are not; default: {default}
+        realizations N whole_1: of the random phases; default: {default}; 6 with friction
+        seed N whole_0: of phases and candidate poses; default: {default}
+    drive and sensors
+        sensors NAME,NAME,... names: channels of [[sensor]] tables; default: all
+        sample_time S positive: of the drives [s]; default: 0.0005
+        delay S not_negative: of the torques [s]; default: 0
+        encoder_noise X not_negative: [rad, motor side]; default: 0
+        encoder_resolution X not_negative: [rad, motor side]; default: 0
+        torque_noise X not_negative: [N m, motor side]; default: 0
+    files
+        out FILE required: write the plan to this .npz file
+        references DIR: write the references of each experiment to DIR, as CSV
+measure MODEL | identify:measure | measure
+    arguments
+        <plan> PLAN: file written by 'flexgen excite'
+    noise
+        seed N whole_0: of the noise; default: {default}
+    files
+        raw DIR: also write all samples, as recordings that 'flexgen frf' reads
+        beside: also keep the spectra beside the lines, for 'flexgen frf --transients'
+        out FILE required: write the spectra to this .npz file
+frf | identify:frf | frf
+    arguments
+        <experiment> EXPERIMENT: file written by 'flexgen measure', or a .toml file that describes recordings
+    estimate
+        average NAME in=AVERAGES: {AVERAGES}
+        transients: remove transients by local polynomials beside the lines
+    files
+        out FILE required: write the responses to this .npz file
+        @page
+identify MODEL | identify:identify | identify
+    arguments
+        <data> DATA: file written by 'flexgen frf'; with --rigid or --segments a .toml file that describes recordings
+    fit
+        @free
+        fixed NAME,NAME,... names: parameters that stay
+        start NAME=VALUE setting several: where the search begins; may be repeated
+        residual NAME in=nls/lls: nls: differences (default); lls: of complex logarithms
+        floor X not_negative: model error as a part of the responses, such as 0.02; default: as much as the residuals
+            need
+        starts N whole_1: number of searches; default: {default}
+        structure: add and remove springs without motor as the data ask for, and print the changes
+        refine EXPERIMENT: then fit the spectra of this experiment (a file of 'flexgen measure', or a .toml file that
+            describes recordings, with [drive] and [[reference]]) by simulation of the nonlinear model, frictions too
+    recorded motions
+        rigid: fit bodies, rotors and friction of a rigid arm to recorded motions
+        counterbalance JOINT=N setting several: with --rigid: N harmonics of the angle of a joint, from the second, in
+            the torque of its motor; may be repeated
+        segments S positive: fit the nonlinear model to recorded motions, in segments of this length [s]
+        validate DATA: with --rigid or --segments: recordings that are not fitted
+    check
+        move NAME: also print the tool error of feedforward in this move, before and after
+        truth MODEL: with --move: the true robot of a simulated experiment; default: robots drawn from the covariance of
+            the parameters
+    files
+        out FILE: write the new model file (.toml)
+        @report
+control MODEL | control:control | control
+    robot
+        plants NAME:KEY=X,... plant several --plant: another robot: {FACTORS}; such as soft:stiffness=0.8,payload=5; may
+            be repeated
+        disturbances KIND:WHERE=SIZE@START+LENGTH disturbance several --disturb: step, pulse, ramp, chirp or noise on a
+            motor [N m] or on the tool (tool.x [N], tool.rz [N m], world axes), times in s; chirp and noise: ,LOW-HIGH
+            in Hz; such as pulse:tool.x=300@0.4+0.02; may be repeated
+        no_torque_limits --no-limits: do not limit the torques to those of the model file
+    closed loop
+        @loop
+        encoder_resolution RAD not_negative: of the motor angles [rad]; default: {default}
+        exact_state: the controller measures angles and speeds of arm and motors exactly
+    motion
+        @move
+    files
+        @page
+        out FILE trajectory_file: write motion, torques and errors of the model to this file
+learn MODEL | control:learn | learn
+    robot
+        plant KEY=X,... plant: the robot: {FACTORS}; such as stiffness=0.8,payload=5; default: as the model
+    learning
+        iterations N whole_1: at most; default: {default}
+        gain X positive: of the correction; default: {default}
+        frequency_hz HZ positive --frequency: of the low pass; default: 0.7 of the lowest natural frequency with locked
+            motors
+        measured_by in=tracker/accelerometer: the tool error: by a tracker, or estimated from accelerometers and motor
+            angles, which do not show errors at rest; default: {default}
+    motion
+        @move
+    closed loop
+        @loop
+    files
+        @page
+        out FILE trajectory_file: write motion, torques and errors of the best iteration to this file
+fastest MODEL | control:fastest | fastest
+    motion
+        move NAME: a move of the model file, not a program; default: the first
+        coefficients N whole_4: of the time law, 4 to 60; default: {default}
+        time_limit SECONDS not_negative --time: time limit of the search [s]; default: {default}; 0: no limit
+    bounds
+        torque X_... numbers: limits of the motor torques [N m], one for all or one for each; default: those of the
+            model file, and where it has none the largest torque of the move as it is given
+        speed X_... numbers: the same of the motor speeds [rad/s]
+        torque_rate X positive: bound of the rates of the torques, as a multiple of the largest one of the move as it is
+            given
+        vibration M positive: bound of the vibration after the path [m], of robots with 10 % less and more stiffness
+            under control
+    files
+        out FILE trajectory_file: write the trajectory to this file
+        @report
+kinematics MODEL | control:kinematics | kinematics
+    pose of the tool
+        joints Q_... numbers: the pose is that of these joints [rad or m]
+        position X_Y_Z numbers: of the tool in the world [m]
+        rotation X_Y_Z numbers: rotation vector of the tool in the world [rad]; default: 0 0 0
+        sag: the elastic robot at rest under gravity reaches the pose
+    arm
+        fixed NAME=X joint_value several: a joint of a redundant arm that keeps a value [rad or m]; may be repeated
+score | control:score | score
+    arguments
+        @scenario
+    closed loop
+        controller NAME several: reference (the default), all (those that come with the benchmark), the name of one of
+            them, {CONTROLLERS}; may be repeated
+        seed N whole_0: of draws and noise; default: that of the benchmark, a new one for code
+    files
+        @page
+tune | control:tune | tune
+    arguments
+        @scenario
+    search
+        controller NAME: where to start: as for 'flexgen score', {CONTROLLERS}
+        evaluations N whole_1: of the score from a start; default: {default}
+        starts N whole_1: number of starts; default: {default}
+        workers N whole_1: number of processes; default: {default}
+        seed N whole_0: of the other starts; default: {default}
+    files
+        out FILE required: write the controller to this file
+export fmu MODEL | export_fmu:fmu | export_fmu
+    content
+        block NAME in=plant/feedforward/controller: plant (default): the elastic robot; feedforward: inverse dynamics on
+            a moving horizon; controller: a P-PI cascade
+        version VERSION in=2.0/3.0 --fmi: version of FMI: 2.0 (default) or 3.0
+    options of a block
+        method NAME in=rk4/sdirk4: plant in Co-Simulation: rk4 (default), explicit, or sdirk4, implicit and L-stable,
+            for stiff springs
+        step S positive: its largest step [s]; default: from the fastest pole at home
+        controller FILE text: of type ppi or cascade (.toml); default: PPI for the model
+        sample_time S positive: sample time of the controller [s]; default: 0.001
+        look_ahead S positive: horizon of the feedforward [s]; default: from the unstable zeros
+    files
+        out FILE: write to this file (.fmu); default: generated/MODEL.fmu
+        no_binary --sources-only: without a binary for this platform
+export mujoco MODEL | exchange:mujoco | export_mujoco
+    content
+        friction NAME in=exact/viscous/dry: exact (the default): a model with Coulomb or Stribeck friction is refused;
+            viscous: these are left out; dry: Coulomb friction as MuJoCo has it, with other accelerations
+    files
+        out FILE required: write the MJCF file, FILE.xml
+export urdf MODEL | exchange:urdf | export_urdf
+    files
+        out FILE required: write the URDF file, FILE.urdf, and beside it the overlay, FILE.toml
+export selftest MODEL | export_controllers:selftest | export_selftest
+    content
+        precision NAME in=double/single old=--single=single: of the library; default: {default}
+        move NAME: the move that the stream follows; default: the first
+        no_motion: without a stream along a move
+    files
+        out DIR once old=--directory: where to write; default: exports/<model>_selftest
+        @replace
+export ros2 MODEL | export_controllers:ros2 | export_ros2
+    content
+        package NAME: of the package; default: flexgen_<model>
+        no_controller: the plugin of inverse dynamics only
+        no_gains: leave the gains of the controller open
+    package.xml
+        maintainer TEXT: name for package.xml; default: {default}
+        email TEXT: address for package.xml; default: {default}
+        license_name TEXT --license: license for package.xml; default: {default}
+    files
+        out DIR once old=--directory: where to write; default: exports/<package>
+        @replace
+export mex MODEL | export_controllers:mex | export_mex
+    files
+        out DIR once old=--directory: where to write; default: exports/<model>_mex
+        @replace
+export simulink MODEL | export_controllers:simulink | export_simulink
+    content
+        @no_stream
+    files
+        out DIR once old=--directory: where to write; default: exports/<model>_simulink
+        @replace
+export plcopen MODEL | export_controllers:plcopen | export_plcopen
+    content
+        @no_stream
+    files
+        out DIR once old=--directory: where to write; default: exports/<model>_plcopen
+        @replace
+view MODEL | exchange:view | view
+    motion
+        @move
+        robot MODEL: the model of a trajectory, where MODEL is a file .npz or .csv; default: the name in the trajectory
+    files
+        out FILE: write the page to this file, FILE.html
+        video FILE: write a video to this file, FILE.gif or FILE.mp4 (needs the program ffmpeg)
+schema | exchange:schema | schema
+    arguments
+        <kind> KIND in=model/program: model (the default), or program: files of moves and programs
+    files
+        out FILE: write the schema to this file
+run MODEL? | run:run | solve
+    motion
+        move NAME once: a move or program of the model file; default: the first
+    method
+        @method
+        @ignore_limits
+        @time
+    files
+        out DIR once old=--directory: folder of the C library; default: generated/MODEL
+        report DIR: of the report; default: reports/MODEL
+completion | completion:completion
+    arguments
+        <shell> SHELL in=SHELLS: {SHELLS}
+"""
+
+VERBS: dict[str, Verb] = verbs_of(ROWS, SHARED)
+
+
+def added_export(kind: str) -> Verb:
+    """The row of an exporter of another package, see `flexgen.registry`."""
+    rows = "export KIND MODEL | exchange:added\n    files\n        out PATH required: write this file or folder"
+    return replace(verbs_of(rows, "")["export KIND"], name=f"export {kind}")
+
+
+def choices_of(option: Option) -> tuple[str, ...]:
+    """The words that the value of an option may be; empty: any."""
+    named = LISTS.get(option.choices)
+    return named() if named else tuple(filter(None, option.choices.split("/")))
+
+
+def help_of(option: Option, default: Any) -> str:
+    """The help of an option with the default of the public function, the lists and the phrases in it."""
+    text = option.help.replace("{default}", f"{default:g}" if isinstance(default, float) else str(default))
+    for name, phrase in PHRASES.items():
+        text = text.replace(f"{{{name}}}", phrase)
+    if option.choices in LISTS:
+        text = text.replace(f"{{{option.choices}}}", ", ".join(choices_of(option)))
+    return text

@@ -1,0 +1,109 @@
+"""Rows of `flexgen.verbs`: names and defaults are those of the public functions; exceptions have a reason each."""
+
+from __future__ import annotations
+
+import inspect
+
+import pytest
+
+import flexgen
+from flexgen.cli.defaults import defaults_of
+from flexgen.verb_rows import Verb, verbs_of
+from flexgen.verbs import VERBS, choices_of
+
+WRITTEN = {"out", "report", "force"}  # what is written, by the function or by methods of its result
+
+# Options without a parameter of the function, with the reason.
+OPTIONS = {
+    ("derive", "text"): "text and LaTeX are made by flexgen.equations_text",
+    ("derive", "latex"): "text and LaTeX are made by flexgen.equations_text",
+    ("analyze", "move"): "Python takes the planned path",
+    ("solve", "moves"): "flexgen.read_moves reads a file",
+    ("path", "moves"): "flexgen.read_moves reads a file",
+    ("solve", "robustness"): "a part of the report",
+    ("sweep", "parquet"): "SweepResult.results.save",
+    ("excite", "sample_time"): "a field of DriveHardware",
+    ("excite", "delay"): "a field of DriveHardware",
+    ("excite", "encoder_noise"): "a field of DriveHardware",
+    ("excite", "encoder_resolution"): "a field of DriveHardware",
+    ("excite", "torque_noise"): "a field of DriveHardware",
+    ("excite", "references"): "Plan.write_references",
+    ("identify", "structure"): "another search of the identification room",
+    ("identify", "refine"): "flexgen.refine",
+    ("identify", "rigid"): "another fit of the identification room",
+    ("identify", "counterbalance"): "of the fit of rigid bodies",
+    ("identify", "segments"): "flexgen.fit_motion",
+    ("identify", "validate"): "flexgen.fit_motion",
+    ("identify", "move"): "Identified.verdict",
+    ("identify", "truth"): "Identified.verdict",
+    ("fastest", "torque"): "a field of Limits",
+    ("fastest", "speed"): "a field of Limits",
+    ("kinematics", "joints"): "Python takes a pose",
+    ("score", "scenario"): "the parameter is name",
+    ("tune", "scenario"): "the parameter is name",
+    ("view", "robot"): "the parameter is model; MODEL is what is shown",
+}
+# Options whose value is another one than that of the parameter, with the reason.
+VALUES = {
+    ("solve", "limits"): "a switch: those of the model",
+    ("solve", "move"): "several moves, solved one by one",
+    ("solve", "fastest"): "calls flexgen.fastest; the parameter is old",
+    ("export ros2", "no_gains"): "a switch: no gains; Python takes None",
+}
+
+
+def called() -> list[str]:
+    return [name for name, verb in VERBS.items() if verb.function]
+
+
+def without_parameter(verb: Verb) -> list[str]:
+    """Options that are neither parameters of the public function nor what is written."""
+    parameters = inspect.signature(getattr(flexgen, verb.function)).parameters
+    return [
+        option.name
+        for option in verb.options()
+        if option.parameter not in parameters and option.parameter not in WRITTEN
+    ]
+
+
+@pytest.mark.parametrize("name", called())
+def test_each_option_is_a_parameter_or_has_a_reason(name):
+    assert without_parameter(VERBS[name]) == [option for verb, option in OPTIONS if verb == name]
+
+
+@pytest.mark.parametrize("name", called())
+def test_defaults_read_from_the_source_are_those_of_the_function(name):
+    function = VERBS[name].function
+    parameters = inspect.signature(getattr(flexgen, function)).parameters
+    expected = {p.name: p.default for p in parameters.values() if p.default is not p.empty}
+    read = defaults_of(function)
+    assert read.keys() == expected.keys()
+    assert {
+        key: value for key, value in expected.items() if isinstance(value, (int, float, str, tuple, type(None)))
+    } == read
+
+
+@pytest.mark.parametrize("name", called())
+def test_a_switch_off_is_of_a_parameter_that_is_on(name):
+    defaults = defaults_of(VERBS[name].function)
+    for option in VERBS[name].options():
+        if option.parameter in defaults and not option.takes_value and (name, option.name) not in VALUES:
+            assert defaults[option.parameter] is option.name.startswith("no_"), option.name
+
+
+def test_choices_contain_the_default():
+    for verb in VERBS.values():
+        for option in verb.options():
+            default = defaults_of(verb.function).get(option.parameter) if verb.function else None
+            if choices_of(option) and default is not None:
+                assert default in choices_of(option), (verb.name, option.name)
+
+
+def test_a_planted_option_without_parameter_is_seen():
+    planted = verbs_of("check MODEL | check:check | check\n    files\n        colour NAME: of the table", "")
+    assert without_parameter(planted["check"]) == ["colour"]
+
+
+def test_a_word_without_meaning_is_refused():
+    with pytest.raises(ValueError, match="given the word 'once!'"):
+        verbs_of("check MODEL | check:check\n    files\n        colour NAME once!: of the table", "")
