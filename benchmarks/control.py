@@ -16,7 +16,7 @@ from control_parts.observers import learned_errors, observer_errors, observer_ti
 from control_parts.robots import collisions, halved_steps, learning_settings, loads, time_settings
 
 import flexgen
-from flexgen.benchmarks.leaderboard import shipped
+from flexgen.benchmarks.leaderboard import find_shipped_controllers
 
 TARGET = Path(__file__).with_suffix(".md")
 ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24")
@@ -28,7 +28,7 @@ def scores() -> str:
     out = []
     for name in ("four_mass", "two_link"):
         found = [flexgen.score(name, progress=False)]
-        for controller in shipped(name):
+        for controller in find_shipped_controllers(name):
             found.append(flexgen.score(name, controller, progress=False))
         seconds = min(flexgen.score(name, progress=False).wall_s for _ in range(5))
         rows = []

@@ -10,7 +10,7 @@ import numpy as np
 
 import flexgen
 from flexgen.inversion.model_library import library_with
-from flexgen.library.c_module import compiled
+from flexgen.library.c_module import compile_module
 from flexgen.mechanics.equations import derive
 from flexgen.numerics.evaluate import evaluate
 from flexgen.performance.smoother import acting
@@ -62,7 +62,7 @@ def _times(function: Any, kind: int, memory: np.ndarray, y: np.ndarray, u: np.nd
     arrays = [y, u, np.zeros(4 * (n_a + n_m)), *rest, np.zeros(n_a), np.zeros(n_m), np.zeros(work.size + 1)]
     pointers = (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays))
     best = np.zeros(2)
-    timer = ctypes.CDLL(str(compiled("observer_times", TIMER)))
+    timer = ctypes.CDLL(str(compile_module("observer_times", TIMER)))
     timer.times(
         ROUNDS, CALLS, ctypes.cast(function, ctypes.c_void_p), kind, ctypes.c_void_p(memory.ctypes.data),
         ctypes.c_void_p(address), pointers, ctypes.c_void_p(best.ctypes.data),

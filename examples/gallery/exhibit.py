@@ -38,7 +38,7 @@ class Page:
         return self.picture
 
 
-@canvas.styled
+@canvas.apply_style
 def draw(show: Callable[[Page], None], page: Page) -> None:
     """Run ``show`` in the style and the colors of the other plots of flexgen."""
     with matplotlib.rc_context({"axes.prop_cycle": matplotlib.cycler(color=canvas.COLORS)}):

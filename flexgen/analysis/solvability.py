@@ -122,7 +122,7 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     drive, degree = _drive(equations, arm.stiffness[0])
     i_g = list(model.i_g)
     matrix = arm.W[0] @ np.linalg.solve(arm.M[0], np.eye(model.n_a)[:, i_g] @ drive) if simple else None
-    values = np.linalg.svd(_scaled(arm)[0], compute_uv=False)
+    values = np.linalg.svd(_scale_rows_and_columns(arm)[0], compute_uv=False)
     tool = np.linalg.svd(_tool(equations, arm)[0], compute_uv=False)
     warnings = _tool_warnings(equations, arm)
     square = model.inversion_obstacle(any_coupling=True) is None
@@ -162,7 +162,7 @@ def solvability_path(equations: Equations, path: OutputPath, n: int = 41) -> Sol
         raise ArgumentError(f"solvability along a path: given n = {n}, expected 1 pose or more")
     t = np.linspace(0.0, path.duration, n)
     arm = arm_linearization(equations, poses_along(equations, path, t))
-    values = np.linalg.svd(_scaled(arm), compute_uv=False)
+    values = np.linalg.svd(_scale_rows_and_columns(arm), compute_uv=False)
     tool = np.linalg.svd(_tool(equations, arm), compute_uv=False)
     ratio = tool[:, -1] / tool[:, 0]
     inertia = np.full(n, np.nan)
@@ -216,7 +216,7 @@ def _drive(equations: Equations, stiffness: np.ndarray) -> tuple[np.ndarray, tup
     return G, tuple(degree)
 
 
-def _scaled(arm: ArmLinearization) -> np.ndarray:
+def _scale_rows_and_columns(arm: ArmLinearization) -> np.ndarray:
     """``W M^-1 S_g`` (k, n_y, n_g) with rows and columns of length one in the metric of M^-1."""
     half = np.linalg.cholesky(arm.M)
     rows = np.linalg.solve(half, arm.W.transpose(0, 2, 1))

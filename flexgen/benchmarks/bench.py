@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.benchmarks.draws import Draw, draws_of
-from flexgen.benchmarks.measures import at_rest, measured, measures_of
+from flexgen.benchmarks.measures import at_rest, compute_measures, measures_of
 from flexgen.benchmarks.scenario import Scenario
 from flexgen.deadline import check_time
 from flexgen.library.model_library import library_with
@@ -45,7 +45,7 @@ class Bench:
     def __init__(self, chosen: Scenario, seed: int | None = None, steps: int | None = None) -> None:
         self.scenario, self.seed, self.steps = chosen, chosen.seed if seed is None else seed, steps or chosen.steps
         self.draws = draws_of(chosen, self.seed)
-        self._parts = _prepared(chosen)
+        self._parts = _prepare(chosen)
 
     @property
     def motion(self) -> tuple[np.ndarray, ...]:
@@ -66,9 +66,9 @@ class Bench:
         for number, draw in enumerate(self.draws):
             label = f"draw {number + 1} of {len(self.draws)}, " if len(self.draws) > 1 else ""
             z, u, failures = self.simulate(
-                controller, [*range(robots), 0, 0], gains, delays, draw, tell and _prefixed(tell, label)
+                controller, [*range(robots), 0, 0], gains, delays, draw, tell and _add_prefix(tell, label)
             )
-            own = np.array([measured(s, draw.windows, z[:, k], u[:, k]) for k in range(robots)])
+            own = np.array([compute_measures(s, draw.windows, z[:, k], u[:, k]) for k in range(robots)])
             values.append(own)
             for reason in self._reasons(draw, names, z, own, failures):
                 refused[reason if len(self.draws) == 1 else f"{label}{reason}"] = None
@@ -147,7 +147,7 @@ class Bench:
         return (z - z[:1])[:, back], u[:, back], tuple(failures[k] for k in back)
 
 
-def _prefixed(tell: Callable[[str], None], label: str) -> Callable[[str], None]:
+def _add_prefix(tell: Callable[[str], None], label: str) -> Callable[[str], None]:
     return lambda line: tell(label + line)
 
 
@@ -172,7 +172,7 @@ class _Prepared:
 
 
 @lru_cache(maxsize=8)
-def _prepared(s: Scenario) -> _Prepared:
+def _prepare(s: Scenario) -> _Prepared:
     names = tuple(p.name for p in s.plants.parameters)
     functions = [*FUNCTIONS, *(["forward_kinematics"] if any(o.axis for o in s.outputs) else [])]
     library = library_with(s.model, functions, parameters=names, per_point=bool(names))

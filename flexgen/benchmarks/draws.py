@@ -45,7 +45,7 @@ def draws_of(scenario: Scenario, seed: int) -> tuple[Draw, ...]:
     if scenario.plan is None:
         return (Draw(seed, scenario.disturbances, scenario.windows),)
     name = f"flexgen {scenario.name} {scenario.version} seed {seed}"
-    return tuple(_drawn(scenario, f"{name} draw {k}") for k in range(scenario.plan.draws))
+    return tuple(_draw_runs(scenario, f"{name} draw {k}") for k in range(scenario.plan.draws))
 
 
 def secret_seed() -> int:
@@ -53,7 +53,7 @@ def secret_seed() -> int:
     return secrets.randbits(62)
 
 
-def _drawn(scenario: Scenario, secret: str) -> Draw:
+def _draw_runs(scenario: Scenario, secret: str) -> Draw:
     plan = scenario.plan
     assert plan is not None
 

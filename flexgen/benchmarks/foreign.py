@@ -59,7 +59,7 @@ class ForeignController:
         self.name = type(given).__name__ if self.is_object else Path(str(given)).name
         if self.is_object:
             PythonController(given)  # has it the methods?
-            self._load: dict[str, Any] = {"object": _pickled(given), "main": _main_file(given)}
+            self._load: dict[str, Any] = {"object": _pickle(given), "main": _main_file(given)}
         else:
             self._load = {"file": str(given)}
         self.used_s = 0.0
@@ -113,16 +113,16 @@ class ForeignController:
             more = struct.unpack_from("=q", answer)[0]
             if more:
                 found = self._exchange(b"", more) if 0 < more < 2**20 else None
-                answer = answer if self._kept(found, errors, size) else None
+                answer = answer if self._store_errors(found, errors, size) else None
         self._deadline = float("inf")
         self.used_s += time.monotonic() - began
         if answer is None:
-            self._failure = self._failure or self._ended()
+            self._failure = self._failure or self._describe_end()
         elif self.used_s > self.total_s:
             self._failure = f"the controller took more than {self.total_s:g} s for all samples"
         return None if answer is None else answer[8:]
 
-    def _kept(self, found: bytes | None, errors: dict[int, str], size: int) -> bool:
+    def _store_errors(self, found: bytes | None, errors: dict[int, str], size: int) -> bool:
         """Store the reports of the process on robots that failed; False where they cannot be read."""
         try:
             told = {int(lane): str(text)[:500] for lane, text in json.loads(found or b"").items()}
@@ -146,7 +146,7 @@ class ForeignController:
         told = self._exchange(b"", size) if 0 <= size < 2**20 else None
         self._deadline = float("inf")
         if told is None:
-            raise ArgumentError(f"controller {self.name}: {self._ended()} before it began")
+            raise ArgumentError(f"controller {self.name}: {self._describe_end()} before it began")
         if told:
             raise ArgumentError(f"controller {self.name}: {told.decode(errors='replace')[:2000]}")
 
@@ -178,7 +178,7 @@ class ForeignController:
             return None
         return b"".join(parts)
 
-    def _ended(self) -> str:
+    def _describe_end(self) -> str:
         """Why there is no answer."""
         if self._failure:
             return self._failure
@@ -196,7 +196,7 @@ def _watch(controller: ForeignController, process: subprocess.Popen[bytes]) -> N
         time.sleep(0.1)
 
 
-def _pickled(given: Any) -> str:
+def _pickle(given: Any) -> str:
     """An object as text, its class by name; by cloudpickle, where that is installed, without a file that has it."""
     kind = type(given)
     dumps: Callable[[Any], bytes] = pickle.dumps

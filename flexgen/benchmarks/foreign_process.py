@@ -37,7 +37,7 @@ def main() -> None:
         if k == BEGIN:
             told = json.loads(take.read(struct.unpack("=q", take.read(8))[0]))
             try:
-                loaded = loaded or _loaded(told)
+                loaded = loaded or _load_controller(told)
                 robots, text = _Robots(loaded, told), b""
             except (FlexgenError, OSError, ValueError, TypeError) as error:
                 text = str(error).encode() or type(error).__name__.encode()
@@ -46,7 +46,7 @@ def main() -> None:
             give.write(robots.answer(k, take))
 
 
-def _loaded(told: dict[str, Any]) -> PlugIn | PythonController:
+def _load_controller(told: dict[str, Any]) -> PlugIn | PythonController:
     """The controller of a file or an object."""
     sys.path[:] = told["path"]
     if "file" in told:

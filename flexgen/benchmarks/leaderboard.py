@@ -24,7 +24,7 @@ from flexgen.registry import extension, own_names
 OURS = (PPI, PID, Cascade, Linear, FeedforwardOnly, ModelLaw)
 
 
-def shipped(scenario: str, version: int = 2) -> dict[str, Path]:
+def find_shipped_controllers(scenario: str, version: int = 2) -> dict[str, Path]:
     """The files of the controllers that come with a benchmark, by name; those for later versions replace the first."""
     found: dict[str, Path] = {}
     for path in sorted((FOLDER / "controllers").glob(f"{scenario}-*.toml")):
@@ -42,7 +42,7 @@ def scenario_controller(given: Any, chosen: Scenario, motion: Sequence[np.ndarra
     if isinstance(given, str) and given == "reference":
         given, title = chosen.reference, given
     if isinstance(given, str):
-        files = shipped(chosen.name, chosen.version)
+        files = find_shipped_controllers(chosen.name, chosen.version)
         if given in files:
             given, title = files[given], given
         elif "." not in given:

@@ -57,7 +57,7 @@ _WORDS = {
 }
 
 
-def measured(scenario: Scenario, windows: Sequence[Window], z: np.ndarray, u: np.ndarray) -> np.ndarray:
+def compute_measures(scenario: Scenario, windows: Sequence[Window], z: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Values of the measures (k,) from outputs z (n, outputs) and commanded torques u (n, n_m) less those at rest.
 
     ``windows``: those of the draw. Torques of several motors count in their largest one, and in the root of the sum

@@ -55,7 +55,7 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
             raise ArgumentError(f"scenario: given {text!r}, expected {', '.join(NAMES)} or the path of a .toml file")
         if version is not None:
             raise ArgumentError(f"version: given {version!r} with the file {text}, expected none: the file states it")
-        return _parsed(Path(text), _bytes_of(Path(text)), None)
+        return _parse_table(Path(text), _bytes_of(Path(text)), None)
     known = [number for key, number in FROZEN if key == text]
     if after and version is None:
         version = int(after) if after.isdecimal() and len(after) < 4 else -1
@@ -63,7 +63,7 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
     if not is_whole(chosen) or chosen not in known or (after and after != str(chosen)):
         raise ArgumentError(f"version of {name}: given {version!r}, expected one of {', '.join(map(str, known))}")
     path = FOLDER / f"{text}-{chosen}.toml"
-    return _parsed(path, _bytes_of(path), (text, int(chosen)))
+    return _parse_table(path, _bytes_of(path), (text, int(chosen)))
 
 
 def _bytes_of(path: Path) -> bytes:
@@ -74,8 +74,8 @@ def _bytes_of(path: Path) -> bytes:
 
 
 @lru_cache(maxsize=16)
-def _parsed(path: Path, data: bytes, known: tuple[str, int] | None) -> Scenario:
-    found = parsed(path, data, packaged=known is not None)
+def _parse_table(path: Path, data: bytes, known: tuple[str, int] | None) -> Scenario:
+    found = parse_scenario(path, data, packaged=known is not None)
     if known is not None and found.content != FROZEN[known][0]:
         raise ArgumentError(
             f"{path}: given the content {found.content[:12]}, expected {FROZEN[known][0][:12]}: the benchmark's file "
@@ -84,7 +84,7 @@ def _parsed(path: Path, data: bytes, known: tuple[str, int] | None) -> Scenario:
     return found
 
 
-def parsed(path: Path, data: bytes, *, packaged: bool) -> Scenario:
+def parse_scenario(path: Path, data: bytes, *, packaged: bool) -> Scenario:
     """The scenario of a file; ``packaged``: its model is that which comes with flexgen, whatever the folder has."""
     try:
         table = plain_table(data.decode())

@@ -25,7 +25,7 @@ from flexgen.benchmarks.bench import Bench
 from flexgen.benchmarks.draws import draws_of, secret_seed
 from flexgen.benchmarks.foreign import INSIDE, ForeignController
 from flexgen.benchmarks.leaderboard import scenario_controller
-from flexgen.benchmarks.measures import Measure, measured, measures_of
+from flexgen.benchmarks.measures import Measure, compute_measures, measures_of
 from flexgen.benchmarks.scenario import Scenario
 from flexgen.benchmarks.scenario_file import scenario
 from flexgen.errors import ArgumentError
@@ -295,7 +295,7 @@ def reference_measures(chosen: Scenario, seed: int, steps: int | None = None) ->
         z, u, failures = bench.simulate(controller, [0], np.ones(1), np.array([chosen.delay_s]), draw)
         if failures[0]:
             raise ArgumentError(f"{chosen.name}: the reference controller failed: {failures[0]}")
-        out.append(measured(chosen, draw.windows, z[:, 0], u[:, 0]))
+        out.append(compute_measures(chosen, draw.windows, z[:, 0], u[:, 0]))
         for measure, value in zip(measures_of(chosen), out[-1], strict=True):
             if not (np.isfinite(value) and value > 0):
                 raise ArgumentError(

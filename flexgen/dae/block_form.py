@@ -44,19 +44,19 @@ def block_form(pattern: np.ndarray) -> BlockForm:
     for column, row in enumerate(row_of):
         if row >= 0:
             column_of[row] = column
-    surplus = _reached(pattern, np.flatnonzero(column_of < 0), column_of, row_of)
-    columns, rows = _reached(pattern.T, np.flatnonzero(row_of < 0), row_of, column_of)
+    surplus = _find_reached(pattern, np.flatnonzero(column_of < 0), column_of, row_of)
+    columns, rows = _find_reached(pattern.T, np.flatnonzero(row_of < 0), row_of, column_of)
     deficit = (rows, columns)
     inner = [r for r in range(n_rows) if r not in {*surplus[0], *deficit[0]}]
     matched = [int(column_of[r]) for r in inner]
     links = pattern[np.ix_(inner, matched)] if inner else np.zeros((0, 0), dtype=bool)  # i needs the unknown of j
     blocks = []
-    for members in _ordered(links):
+    for members in _order_components(links):
         blocks.append((tuple(inner[i] for i in members), tuple(sorted(matched[i] for i in members))))
     return BlockForm(tuple(blocks), surplus, deficit)
 
 
-def _reached(
+def _find_reached(
     pattern: np.ndarray, free: np.ndarray, partner: np.ndarray, back: np.ndarray
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Rows and columns that alternating paths from unmatched rows reach; ``partner`` of rows, ``back`` of columns."""
@@ -71,7 +71,7 @@ def _reached(
     return tuple(sorted(rows)), tuple(sorted(columns))
 
 
-def _ordered(links: np.ndarray) -> list[list[int]]:
+def _order_components(links: np.ndarray) -> list[list[int]]:
     """Strongly connected components of a graph, each after those that it needs (``links[i, j]``: i needs j)."""
     if not len(links):
         return []

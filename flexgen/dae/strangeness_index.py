@@ -30,7 +30,7 @@ import numpy as np
 
 from flexgen.dae.signature import structural_index
 from flexgen.dae.system import InverseDae
-from flexgen.dae.taylor_array import Scales, TaylorArray, balanced, consistent, derivative_array
+from flexgen.dae.taylor_array import Scales, TaylorArray, choose_scales, consistent, derivative_array
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
@@ -176,7 +176,7 @@ def characterize(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMeh
     Ranks do not depend on the unit of time, but their gaps do: several are looked at.
     """
     m, n = F_x.shape[1:]
-    units = [balanced(F_x[0], F_dx[0], scales.time * factor, scales.x) for factor in UNITS]
+    units = [choose_scales(F_x[0], F_dx[0], scales.time * factor, scales.x) for factor in UNITS]
     named = definitions(F_x, F_dx)
     scaled = [F_dx[0] * unit.rows[:, None] * unit.x / unit.time for unit in units]
     void = 0

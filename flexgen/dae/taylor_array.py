@@ -154,10 +154,10 @@ class TaylorArray:
         columns[self.dae.y], columns[self.dae.rate] = unit, unit / time
         effect = np.abs(F_x[dynamic, self.dae.torque] * unit[:, None]).max(axis=0) * time**2
         columns[self.dae.torque] = 1 / np.where(effect > 0, effect, 1.0)
-        return balanced(F_x, F_dx, time, columns)
+        return choose_scales(F_x, F_dx, time, columns)
 
 
-def balanced(F_x: np.ndarray, F_dx: np.ndarray, time: float, columns: np.ndarray) -> Scales:
+def choose_scales(F_x: np.ndarray, F_dx: np.ndarray, time: float, columns: np.ndarray) -> Scales:
     """Scales that bring the entries of F_x and F_x' (m, n) near one, from a unit of time and units of the unknowns."""
     whole = np.maximum(np.abs(F_x), np.abs(F_dx) / time)
     rows = np.ones(len(whole))

@@ -120,7 +120,7 @@ def _one(a: np.ndarray) -> np.ndarray:
     return out
 
 
-def _moved(a: np.ndarray, c: np.ndarray, k: int) -> np.ndarray:
+def _integral_coefficient(a: np.ndarray, c: np.ndarray, k: int) -> np.ndarray:
     """``(a' c)_(k-1) / k``: coefficient k of the integral of ``a' c``."""
     j = np.arange(1, k + 1)[None, :, None]
     return (j * a[:, 1 : k + 1] * c[:, k - 1 :: -1][:, :k]).sum(axis=1) / k
@@ -130,7 +130,7 @@ def _exponential(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     out = np.zeros_like(a)
     out[:, 0] = np.exp(a[:, 0])
     for k in range(1, a.shape[1]):
-        out[:, k] = _moved(a, out, k)
+        out[:, k] = _integral_coefficient(a, out, k)
     return out
 
 
@@ -143,7 +143,7 @@ def _integral(function: Rule, a: np.ndarray, slope: np.ndarray) -> np.ndarray:
     out = np.zeros_like(a)
     out[:, 0] = function(a[:, 0])
     for k in range(1, a.shape[1]):
-        out[:, k] = _moved(a, slope, k)
+        out[:, k] = _integral_coefficient(a, slope, k)
     return out
 
 
@@ -152,7 +152,7 @@ def _pair(a: np.ndarray, even: Rule, odd: Rule, sign: float) -> tuple[np.ndarray
     c, s = np.zeros_like(a), np.zeros_like(a)
     c[:, 0], s[:, 0] = even(a[:, 0]), odd(a[:, 0])
     for k in range(1, a.shape[1]):
-        c[:, k], s[:, k] = sign * _moved(a, s, k), _moved(a, c, k)
+        c[:, k], s[:, k] = sign * _integral_coefficient(a, s, k), _integral_coefficient(a, c, k)
     return c, s
 
 
@@ -162,7 +162,7 @@ def _tangent(a: np.ndarray, function: Rule, sign: float) -> np.ndarray:
     out[:, 0] = function(a[:, 0])
     slope[:, 0] = 1 + sign * out[:, 0] ** 2
     for k in range(1, a.shape[1]):
-        out[:, k] = _moved(a, slope, k)
+        out[:, k] = _integral_coefficient(a, slope, k)
         slope[:, k] = sign * (out[:, : k + 1] * out[:, k::-1][:, : k + 1]).sum(axis=1)
     return out
 

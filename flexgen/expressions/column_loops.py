@@ -15,7 +15,7 @@ from flexgen.expressions.graph import read_graph
 from flexgen.expressions.layout import Layout, column_stride, loop_function
 from flexgen.expressions.routine import Columns, Products, Rows, Selected, Sums, Zeros
 from flexgen.expressions.schedule import written_order
-from flexgen.expressions.simplify import simplified
+from flexgen.expressions.simplify import simplify_graph
 
 GROUP = 8  # rows that are summed at once: their sums stay in registers and are independent
 
@@ -25,7 +25,7 @@ Literal = Callable[[float], str]
 
 def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> tuple[str, int, int]:
     """The C function of `Columns`; operations for a column, and the latency of their longest chain."""
-    graph = simplified(read_graph(step.function))
+    graph = simplify_graph(read_graph(step.function))
     inputs, outputs = step.function.name_in(), step.function.name_out()
     lines, tables = [], []
     for array in inputs:

@@ -20,7 +20,7 @@ from flexgen.expressions.routine import (
 )
 
 
-def evaluated(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def evaluate_routine(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Ports and intermediate arrays of a routine.
 
     Parameters
@@ -72,7 +72,7 @@ def evaluated(program: Routine, inputs: Mapping[str, np.ndarray]) -> dict[str, n
             case Solve():
                 right = known[step.right]
                 right = np.hstack([right, -np.eye(step.n)]) if step.unit else right
-                known |= _solved(step, -np.linalg.solve(_symmetric(known[step.matrix]), right))
+                known |= _evaluate_solve(step, -np.linalg.solve(_symmetric(known[step.matrix]), right))
     return known
 
 
@@ -81,7 +81,7 @@ def _symmetric(A: np.ndarray) -> np.ndarray:
     return np.triu(A) + np.triu(A, 1).T
 
 
-def _solved(step: Solve, X: np.ndarray) -> dict[str, np.ndarray]:
+def _evaluate_solve(step: Solve, X: np.ndarray) -> dict[str, np.ndarray]:
     """The ports of a solution."""
     out: dict[str, np.ndarray] = {}
     for port in step.ports:

@@ -19,10 +19,10 @@ from flexgen.expressions.column_loops import filled_text
 from flexgen.expressions.graph import Graph, read_graph
 from flexgen.expressions.layout import WHOLE, Layout, layout_of
 from flexgen.expressions.literals import literal
-from flexgen.expressions.pivot_guards import guarded
+from flexgen.expressions.pivot_guards import add_pivot_guards
 from flexgen.expressions.routine import Expressions, Routine
-from flexgen.expressions.schedule import ordered, written_order
-from flexgen.expressions.simplify import simplified
+from flexgen.expressions.schedule import order_by_depth, written_order
+from flexgen.expressions.simplify import simplify_graph
 from flexgen.expressions.step_text import step_text
 
 CHUNK = 500  # operations per C function: a compiler keeps values in registers, and is quick, where functions are short
@@ -120,10 +120,10 @@ def function_text(
             calls.append("zero += " * loop.checks + _call(f"{prefix}step_{k + 1}", loop.ports, workspace=True))
             operations, depth = operations + loop.operations, depth + loop.depth
             continue
-        graph = simplified(read_graph(step.function))
+        graph = simplify_graph(read_graph(step.function))
         if step.pivots:
             given = {parameters: np.array(values)} if parameters is not None else {}
-            graph = guarded(graph, step.function.name_in(), given, precision)
+            graph = add_pivot_guards(graph, step.function.name_in(), given, precision)
         writer = _Writer(graph, step, layout, common, precision)
         pieces = writer.pieces()
         seen |= _seen(graph, step, {*outputs, *layout.places})
@@ -239,7 +239,7 @@ class _Writer:
         out: list[int | tuple[int, ...]] = []
         seen: set[int] = set()
         for key in sorted(groups):
-            out += ordered(graph, groups[key], seen)
+            out += order_by_depth(graph, groups[key], seen)
             out.append(tuple(groups[key]))
             seen.update(node for angle in groups[key] for node in self.turning[angle])
         return out + written_order(graph, (r >> 1 for _, _, r in graph.outputs), seen)

@@ -269,7 +269,7 @@ def _operation_name(operation: int) -> str:
     return f"operation {names[0] if names else operation}"
 
 
-def copied(graph: Graph, new: Graph, node: int, to: dict[int, Reference]) -> Reference:
+def copy_node(graph: Graph, new: Graph, node: int, to: dict[int, Reference]) -> Reference:
     """A node copied to a new graph that already has its operands."""
     kind = graph.kind[node]
     if kind == "input":

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from flexgen.expressions.graph import Graph, Reference, copied
+from flexgen.expressions.graph import Graph, Reference, copy_node
 
 EPSILON = {"double": 2.0**-52, "single": 2.0**-23}
 STATES = 64  # random ones, at which the size of a pivot is estimated
@@ -35,7 +35,7 @@ _CALLS: dict[str, Callable[..., np.ndarray]] = {
 }
 
 
-def guarded(graph: Graph, names: list[str], given: Mapping[str, np.ndarray], precision: str) -> Graph:
+def add_pivot_guards(graph: Graph, names: list[str], given: Mapping[str, np.ndarray], precision: str) -> Graph:
     """The graph with guards at its divisions by pivots.
 
     Parameters
@@ -59,7 +59,7 @@ def guarded(graph: Graph, names: list[str], given: Mapping[str, np.ndarray], pre
     for node, used in enumerate(graph.alive()):
         if not used:
             continue
-        to[node] = copied(graph, new, node, to)
+        to[node] = copy_node(graph, new, node, to)
         if graph.kind[node] != "div" or graph.operands[node][1] not in pivots:
             continue
         divisor = graph.operands[node][1]

@@ -20,11 +20,11 @@ WIDE = 3  # operations per cycle of the longest chain beyond which the processor
 def written_order(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
     """Nodes that the roots need and that were not seen before, in the order that suits the graph."""
     count, depth = graph.operations(), max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
-    chosen = scheduled if count <= LARGE and count <= WIDE * depth else ordered
+    chosen = schedule_nodes if count <= LARGE and count <= WIDE * depth else order_by_depth
     return chosen(graph, roots, seen)
 
 
-def ordered(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
+def order_by_depth(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
     """Nodes that the roots need and that were not seen before, each after its operands, a use close to its value."""
     out: list[int] = []
     for root in roots:
@@ -42,7 +42,7 @@ def ordered(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
     return out
 
 
-def scheduled(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
+def schedule_nodes(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
     """Nodes that the roots need and that were not seen before, in the order in which a processor would start them.
 
     Of the operations whose operands are known, those with the longest chain behind them come first.

@@ -8,17 +8,17 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 
-from flexgen.expressions.graph import Graph, Reference, copied
+from flexgen.expressions.graph import Graph, Reference, copy_node
 
 
-def simplified(graph: Graph) -> Graph:
+def simplify_graph(graph: Graph) -> Graph:
     """The graph after all of this.
 
     Divisions by the same value become one reciprocal. Sine and cosine of a sum of angles follow from those
     of the angles, where these are needed anyway. Sums and products of many terms are built so that operands that are
     known early are combined first, which shortens the longest chain of operations: the time of a single call.
     """
-    return _balanced(_reciprocals(_angle_sums(graph)))
+    return _balance_sums(_reciprocals(_angle_sums(graph)))
 
 
 def _reciprocals(graph: Graph) -> Graph:
@@ -40,7 +40,7 @@ def _reciprocals(graph: Graph) -> Graph:
             a, b = (to[r >> 1] ^ (r & 1) for r in graph.operands[node])
             to[node] = new.multiply(a, new.divide(new.constant(1.0), b))
         else:
-            to[node] = copied(graph, new, node, to)
+            to[node] = copy_node(graph, new, node, to)
     new.outputs = [(array, entry, to[r >> 1] ^ (r & 1)) for array, entry, r in graph.outputs]
     return new
 
@@ -73,12 +73,12 @@ def _angle_sums(graph: Graph) -> Graph:
         if kind in ("sin", "cos") and graph.operands[node][0] >> 1 in sums:
             to[node] = turn(graph.operands[node][0] >> 1)[0 if kind == "sin" else 1]
         else:
-            to[node] = copied(graph, new, node, to)
+            to[node] = copy_node(graph, new, node, to)
     new.outputs = [(array, entry, to[r >> 1] ^ (r & 1)) for array, entry, r in graph.outputs]
     return new
 
 
-def _balanced(graph: Graph) -> Graph:
+def _balance_sums(graph: Graph) -> Graph:
     """The graph with sums and products of more than two terms rebuilt: operands known first are combined first."""
     needed = graph.alive()
     uses = [0] * len(graph.kind)
@@ -102,7 +102,7 @@ def _balanced(graph: Graph) -> Graph:
             continue
         kind = graph.kind[node]
         if kind not in family:
-            to[node] = copied(graph, new, node, to)
+            to[node] = copy_node(graph, new, node, to)
             continue
         terms = [to[r >> 1] ^ (r & 1) for r in _terms(graph, node, inner)]
         join = new.add if family[kind] == "sum" else new.multiply

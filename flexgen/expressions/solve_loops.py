@@ -26,10 +26,10 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
         f"const int count = ROW_FOURS({step.width});",
         "ROW sum = ROW_OF(0);",
         "int i, j, k;",
-        *_padded(step, layout),
-        *([] if step.factored else _eliminated(step, n, rounding)),
-        *_substituted(step),
-        *_placed(step, layout, outputs),
+        *_padding_lines(step, layout),
+        *([] if step.factored else _elimination_lines(step, n, rounding)),
+        *_substitution_lines(step),
+        *_solution_lines(step, layout, outputs),
         f"for (i = 0; i < {n}; ++i) {{",
         f"    const ROW *const x = rows + i * ROW_COUNT({step.stride});",
         "    for (k = 0; k < count; k += 4) {",
@@ -54,7 +54,7 @@ def factor_text(name: str, step: Factor, layout: Layout, rounding: str) -> str:
         "    }",
         f"    matrix[i * {stride} + {n}] = w[{layout.at(step.right, 0)} + i];",
         "}",
-        *_eliminated(step, n + 1, rounding),
+        *_elimination_lines(step, n + 1, rounding),
         f"for (i = 0; i < {n}; ++i) {{",
         f"    {x} = matrix[i * {stride} + {n}];",
         "}",
@@ -81,7 +81,7 @@ def _matrix(step: Solve | Factor, layout: Layout) -> list[str]:
     ]
 
 
-def _padded(step: Solve, layout: Layout) -> list[str]:
+def _padding_lines(step: Solve, layout: Layout) -> list[str]:
     """Lines that fill entries that are not computed: unit columns, and ends of rows that are not whole vectors."""
     n, right = step.n, f"w + {layout.places[step.right]} + i * {step.stride}"
     ends = [
@@ -101,7 +101,7 @@ def _padded(step: Solve, layout: Layout) -> list[str]:
     return [*lines, "}"]
 
 
-def _eliminated(step: Solve | Factor, columns: int, rounding: str) -> list[str]:
+def _elimination_lines(step: Solve | Factor, columns: int, rounding: str) -> list[str]:
     """Lines that factor the matrix in place: L in its upper half, reciprocals of pivots in `inverse`.
 
     Columns behind the matrix are right sides.
@@ -144,7 +144,7 @@ def _less(step: Solve, lanes: int, factor: str, others: str, start: str) -> list
     ]
 
 
-def _substituted(step: Solve) -> list[str]:
+def _substitution_lines(step: Solve) -> list[str]:
     """Lines that combine the rows of the right side with the factors, block of columns by block of columns.
 
     So the rows that are combined stay in the first cache.
@@ -167,7 +167,7 @@ def _substituted(step: Solve) -> list[str]:
     return ["k = 0;", *some(8), *some(4)]
 
 
-def _placed(step: Solve, layout: Layout, outputs: Mapping[str, int]) -> list[str]:
+def _solution_lines(step: Solve, layout: Layout, outputs: Mapping[str, int]) -> list[str]:
     """Lines that write the solution, and the constants around it."""
     lines: list[str] = []
     for port in step.ports:

@@ -233,7 +233,7 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
         warnings = (*warnings, _torque_lines(plan.lines))
     noise = None
     if transients:
-        U, Y, noise, spread = _settled(experiment, U, Y)
+        U, Y, noise, spread = _average_without_transients(experiment, U, Y)
         noise_periods = P
     try:
         found = estimate(U, Y, average, noise)
@@ -294,10 +294,10 @@ def _inputs_outputs(experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:
     return experiment.tau_m.transpose(0, 1, 3, 4, 5, 2), Y.transpose(0, 1, 3, 4, 5, 2)
 
 
-def _settled(
+def _average_without_transients(
     experiment: Experiment, U: np.ndarray, Y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray], float]:
-    """Mean spectra without transients, as of one period; noise of the whole record, and the `spread` of `Settled`."""
+    """Mean spectra without transients, as of one period; noise of the record, and the `spread` of `SteadySpectra`."""
     offsets, beside, plan = experiment.offsets, experiment.beside, experiment.plan
     assert offsets is not None and beside is not None
     n = len(plan.motors)

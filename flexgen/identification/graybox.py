@@ -102,11 +102,11 @@ def identify(
     _check(robot, data, residual, floor, starts, spread)
     names = default_free(robot) if free is None else free
     vector = ParameterVector(robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties)
-    found = _fitted(vector, data, residual, structured, floor, (starts, spread, seed), tell)
+    found = _fit(vector, data, residual, structured, floor, (starts, spread, seed), tell)
     return replace(found, source=source)
 
 
-def _fitted(
+def _fit(
     vector: ParameterVector,
     data: Frf,
     residual: str,

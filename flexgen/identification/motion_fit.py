@@ -155,7 +155,7 @@ class _Shooting:
         rows = np.vstack([self.local.motor_rows, links])
         delays = np.array([of[data.sensors[c]].delay_s for c in used])
         self.late = math.ceil(delays.max(initial=0.0) / self.sample_s - 1e-9)  # samples that the last segment leaves
-        return rows, [np.hstack([run.q_m, _undelayed(run.t, run.signals[:, used], delays)]) for run in recordings]
+        return rows, [np.hstack([run.q_m, _remove_delays(run.t, run.signals[:, used], delays)]) for run in recordings]
 
     def _begins(self, run: _Run) -> range:
         return range(0, min(run.own, len(run.t) - self.samples - self.late), self.samples)
@@ -273,7 +273,7 @@ class _Shooting:
         return float((r**2).sum()), np.einsum("snk,sn->k", J, r), np.einsum("snk,snl->kl", J, J)
 
 
-def _undelayed(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np.ndarray:
+def _remove_delays(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np.ndarray:
     """The signals (samples, channels) at the times of the motion: each is read its delay later."""
     if not delays.any():
         return signals
@@ -335,7 +335,7 @@ def fit_motion(
             "without --segments, and state it as delay_s of the [[sensor]]"
         )
     shooting = _Shooting(vector, data, segment_s)
-    fit = _minimized(shooting, vector, progress if callable(progress) else None)
+    fit = _minimize(shooting, vector, progress if callable(progress) else None)
     x = fit.x
     r, J = shooting.parts(x)
     prior = np.diag(vector.prior_sd**-2.0)
@@ -348,7 +348,7 @@ def fit_motion(
     held_out: tuple[float, ...] = ()
     status = _status(fit, percent, white)
     if validate is not None:
-        held_out, held_out_rms = _validated(vector, x, validate, segment_s)
+        held_out, held_out_rms = _validate(vector, x, validate, segment_s)
         if status == FitStatus.FITTED and _fails(percent, held_out, held_out_rms / rms):
             status = FitStatus.POORLY_VALIDATED
     return MotionFit(
@@ -368,7 +368,7 @@ def fit_motion(
     )
 
 
-def _minimized(shooting: _Shooting, vector: ParameterVector, tell: Callable[[str], None] | None) -> Fit:
+def _minimize(shooting: _Shooting, vector: ParameterVector, tell: Callable[[str], None] | None) -> Fit:
     """The fit; the deviations of the outputs follow from the residuals of the last one."""
     x, fit = vector.start, None
     for k in range(ROUNDS):
@@ -405,7 +405,7 @@ def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.nd
     return bool(worse.any() or min(held_out) < POORLY_EXPLAINED)
 
 
-def _validated(
+def _validate(
     vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float
 ) -> tuple[tuple[float, ...], np.ndarray]:
     """Fit in percent and rms of the errors of recordings that were not fitted; their start states are free."""

@@ -34,7 +34,7 @@ def channels(model: RobotModel) -> tuple[str, ...]:
 def output_orders(model: RobotModel, chosen: Sequence[str]) -> np.ndarray:
     """Time derivatives from each output to an acceleration, (n_m + channels,)."""
     known = {name: sensor.order for sensor in model.sensors for name in sensor.channels}
-    return np.array([ANGLE] * model.n_m + [known[name] for name in checked(model, chosen)])
+    return np.array([ANGLE] * model.n_m + [known[name] for name in check_channels(model, chosen)])
 
 
 def output_units(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
@@ -43,10 +43,10 @@ def output_units(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
     for sensor in model.sensors:
         unit = "rad/s^2" if sensor.unit in ("rad", "rad/s") else "m/s^2"
         known |= dict.fromkeys(sensor.channels, unit)
-    return ("rad/s^2",) * model.n_m + tuple(known[name] for name in checked(model, chosen))
+    return ("rad/s^2",) * model.n_m + tuple(known[name] for name in check_channels(model, chosen))
 
 
-def checked(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
+def check_channels(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
     """The names of channels; ArgumentError for one that the model does not have."""
     known = channels(model)
     for name in chosen:
@@ -69,7 +69,7 @@ class OutputRows:
 
     def __init__(self, equations: Equations, motor_rows: np.ndarray, chosen: Sequence[str]) -> None:
         model = equations.model
-        self.motor_rows, self.names = motor_rows, checked(model, chosen)
+        self.motor_rows, self.names = motor_rows, check_channels(model, chosen)
         known = channels(model)
         self._index = [known.index(name) for name in self.names]
         self.orders = output_orders(model, self.names)

@@ -58,7 +58,9 @@ class Residuals:
         self.vector, self.data, self.kind = vector, data, kind
         self.local = LocalModel(vector.model, vector.of_model, data.sensors)
         self.drive = Drive(data.sample_s, data.delay_s)
-        noise = data.variance if data.total is None else np.maximum(_smoothed(data.total, data.G), data.variance)
+        noise = (
+            data.variance if data.total is None else np.maximum(_smooth_variances(data.total, data.G), data.variance)
+        )
         size = np.abs(data.G)
         self.variance = noise + ((floor**2 + LEAST_RELATIVE_SD**2) * size**2) + (0.0 if extra is None else extra)
         self._white: tuple[np.ndarray, np.ndarray] | None = None  # L^-1 and (U U^H)^(1/2) P^(1/2)
@@ -220,7 +222,7 @@ def _regular(C: np.ndarray) -> np.ndarray:
     return C + least[..., None] * np.eye(C.shape[-1])
 
 
-def _smoothed(variance: np.ndarray, G: np.ndarray) -> np.ndarray:
+def _smooth_variances(variance: np.ndarray, G: np.ndarray) -> np.ndarray:
     """Variances averaged over neighboring lines, relative to ``|G|^2``."""
     relative = variance / np.abs(G) ** 2
     return over_lines(relative, SMOOTHED) * np.abs(G) ** 2

@@ -340,7 +340,7 @@ def write_model(
         )
     if target.suffix != ".toml":
         raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
-    text = head + written(old.read_text(encoding="utf-8"), model, values, sd, source, str(old), note)
+    text = head + write_parameters(old.read_text(encoding="utf-8"), model, values, sd, source, str(old), note)
     with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
         again = read(write_text(Path(folder) / "model.toml", text), model.variant or None)
     for parameter in _numbers(again, values):
@@ -352,7 +352,7 @@ def write_model(
     return write_text(target, text)
 
 
-def written(
+def write_parameters(
     text: str,
     model: RobotModel,
     values: Mapping[str, float],

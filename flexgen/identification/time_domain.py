@@ -26,7 +26,7 @@ import numpy as np
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.experiments.experiment import Experiment, faded, largest_rate
+from flexgen.identification.experiments.experiment import Experiment, fade_in, largest_rate
 from flexgen.identification.experiments.spectra import spectrum
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
@@ -77,7 +77,7 @@ class Simulated:
         self.reference = np.zeros((plan.samples, len(self.runs), 2 * len(plan.motors)))
         for lane, (k, r, e) in enumerate(self.runs):
             self.reference[:, lane, : len(plan.motors)] = experiment.reference(k, r, e)
-        self.poses, self.fading = poses, faded(self.reference)
+        self.poses, self.fading = poses, fade_in(self.reference)
         slowest = float(plan.controller.position_gain.min())
         enough = SETTLED / slowest / plan.hardware.sample_s if slowest > 0 else plan.samples
         self.last = min(plan.samples, max(plan.samples // 4, math.ceil(enough)))  # samples that derivatives settle
@@ -331,7 +331,7 @@ def validate(found: Identified, experiment: Experiment, *, used: int = 1, progre
     )
 
 
-def judged(found: Identified, checked: Validation) -> Identified:
+def validate_on_others(found: Identified, checked: Validation) -> Identified:
     """The result with the status ``poorly validated`` where it agreed, and other experiments do not."""
     fails = checked.cost > COST_MOST and min(checked.fit_percent) < 100 * (1 - SMALL_ERROR)
     return replace(found, status=FitStatus.POORLY_VALIDATED) if fails and found.status == FitStatus.FITTED else found

@@ -109,13 +109,13 @@ def verdict(
     if truth is not None:
         robots = [Equations(truth if isinstance(truth, RobotModel) else read(truth))]
     else:
-        robots = [Equations(robot) for robot in drawn(identified, samples, seed)]
+        robots = [Equations(robot) for robot in draw_robots(identified, samples, seed)]
     torques = {"file": (before, "auto"), "identified": (after, "auto")}
     torques |= {name: (after, name) for name in BASELINES}
     rows, name_of_move = [], ""
     for name, (equations, method) in torques.items():
         tell(f"torques of the model {name}")
-        solution = _solved(equations, move, method)
+        solution = _solve(equations, move, method)
         name_of_move = solution.move.name
         found: list[dict[str, Any]] = []
         for k, robot in enumerate(robots):
@@ -125,7 +125,7 @@ def verdict(
     return Verdict(name_of_move, control, len(robots), truth is not None, tuple(rows))
 
 
-def drawn(identified: Identified, count: int, seed: int) -> list[RobotModel]:
+def draw_robots(identified: Identified, count: int, seed: int) -> list[RobotModel]:
     """Robots whose parameters are drawn from the covariance; weak ones keep the values of the file.
 
     Raises
@@ -151,7 +151,7 @@ def drawn(identified: Identified, count: int, seed: int) -> list[RobotModel]:
     return out
 
 
-def _solved(equations: Equations, move: str | Move | None, method: str) -> Solution:
+def _solve(equations: Equations, move: str | Move | None, method: str) -> Solution:
     solution = solve(equations, move, method, verify=method == "auto", progress=False)
     if solution.status not in (Status.SOLVED, Status.BASELINE, Status.LIMITS_EXCEEDED):
         raise SolverError(f"verdict: {equations.model.name}, {solution.move.name}: {solution.status}")

@@ -140,7 +140,7 @@ def kinematics(
     home = np.array(robot.home)
     found = solver.all_at(goal, home)
     if sag:
-        found = [q for q in (solver.sagged(goal, q) for q in found) if q is not None]
+        found = [q for q in (solver.solve_sag(goal, q) for q in found) if q is not None]
     made = [solver.configuration(goal, q, sag) for q in found]
     return tuple(sorted(made, key=lambda c: float(np.abs(c.q - home).max())))
 
@@ -240,7 +240,7 @@ class _Solver:
             return found
         out = [q for q in found if self._distance(q) >= SINGULAR]
         close += [q for q in found if self._distance(q) < SINGULAR]
-        refined = [self._refined(goal, q, home) for q in close]
+        refined = [self._refine(goal, q, home) for q in close]
         for q in sorted((q for q in refined if q is not None), key=lambda q: float(np.abs(q - home).max())):
             if not any(self._same(goal, q, other) for other in out):
                 out.append(q)
@@ -291,10 +291,10 @@ class _Solver:
                 return True
         if distance >= FAMILY:
             return False
-        moved = self._refined(goal, q - change, q)  # along a curved one, as near as it comes
+        moved = self._refine(goal, q - change, q)  # along a curved one, as near as it comes
         return moved is not None and float(np.abs(moved - q).max()) < SAME
 
-    def _refined(self, goal: np.ndarray, q: np.ndarray, home: np.ndarray) -> np.ndarray | None:
+    def _refine(self, goal: np.ndarray, q: np.ndarray, home: np.ndarray) -> np.ndarray | None:
         """A solution by Newton's method with the singular values of the Jacobian; None: it is not found.
 
         Of a family, the one nearest to ``home``.
@@ -349,7 +349,7 @@ class _Solver:
                         placed[k] += turn
                         break
             inside = inside and bool(low <= placed[k] <= high)
-        error = self._miss(goal, self._deflected(placed) if sag else full)
+        error = self._miss(goal, self._solve_deflections(placed) if sag else full)
         branch = int(np.sign(np.linalg.det(J)))
         parts = arm_parts(J) if self.rotary.all() else {}
         return Configuration(placed, error, inside, branch, float(singular[-1] / singular[0]), parts)
@@ -361,7 +361,7 @@ class _Solver:
 
     # --- the elastic robot at rest ---
 
-    def _deflected(self, q: np.ndarray) -> np.ndarray:
+    def _solve_deflections(self, q: np.ndarray) -> np.ndarray:
         """Arm coordinates (n_a,) at rest under gravity with the motors at ``eta q``."""
         model, equations = self.model, derive(self.model)
         full = np.zeros(model.n_a)
@@ -383,11 +383,11 @@ class _Solver:
                 break
         return full
 
-    def sagged(self, goal: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    def solve_sag(self, goal: np.ndarray, q: np.ndarray) -> np.ndarray | None:
         """The joints as the motors see them, such that the elastic robot at rest is at the goal; None: not found."""
         q, at = q.copy(), self._at
         for _ in range(SAG_STEPS):
-            full = self._deflected(q)
+            full = self._solve_deflections(q)
             p, R = self.library.forward_kinematics(full)
             E = R @ goal[3:].reshape(3, 3).T
             turn = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
@@ -397,4 +397,4 @@ class _Solver:
             J = np.asarray(self.library.jacobian(full))[:, self.free].copy()
             J[:3] /= self.length
             q[at] -= np.linalg.lstsq(J, e, rcond=1e-10)[0]
-        return q if self._miss(goal, self._deflected(q)) < 1e-10 else None
+        return q if self._miss(goal, self._solve_deflections(q)) < 1e-10 else None

@@ -105,7 +105,7 @@ def enforce_limits(
     bounds.check_equilibrium(problem)
     check_time("limits")
     problem.log("limits: finding the smallest path deviation")
-    before, found = _modified(problem, bounds, unlimited, samples_per_interval, tolerance)
+    before, found = _modify_path(problem, bounds, unlimited, samples_per_interval, tolerance)
     result, pose = from_library(found), problem.path.pose
     meters, angle = found.deviation_m, found.deviation_rad
     size = f"{meters:.3g} m" + (f" and {angle:.3g} rad" if pose else "")
@@ -125,7 +125,7 @@ def check_limits_at_rest(problem: InversionProblem) -> None:
         _Bounds(problem.equations, problem.limits).check_equilibrium(problem)
 
 
-def _modified(
+def _modify_path(
     problem: InversionProblem,
     bounds: _Bounds,
     unlimited: Inversion,

@@ -112,10 +112,10 @@ def method_names() -> tuple[str, ...]:
 def methods() -> dict[str, Method]:
     """All methods by name: those of this table, and those that are registered, see `flexgen.registry`."""
     own = {method.name: method for method in (*SOLVERS, *BASELINES)}
-    return {name: own[name] if name in own else _registered(name) for name in method_names()[1:]}
+    return {name: own[name] if name in own else _find_method(name) for name in method_names()[1:]}
 
 
-def _registered(name: str) -> Method:
+def _find_method(name: str) -> Method:
     """The row of a registered method; ArgumentError where it is none."""
     found = extension("methods", name)
     if not isinstance(found, Method) or found.name != name:

@@ -208,13 +208,13 @@ def _mesh(
             f"expected at most {INTERVALS}; take a coarser --mesh, a shorter --preview or a shorter move"
         )
     nodes = [np.linspace(a, b, n + 1) for (a, b, _), n in zip(spans, counts, strict=True) if n]
-    before = _graded(preactuation, spans[0][2], resolving)
+    before = _graded_nodes(preactuation, spans[0][2], resolving)
     if before is not None:
         nodes[0] = before
     return np.unique(np.concatenate(nodes))
 
 
-def _graded(preactuation: float, longest: float, shortest: float) -> np.ndarray | None:
+def _graded_nodes(preactuation: float, longest: float, shortest: float) -> np.ndarray | None:
     """Nodes from -``preactuation`` to 0 whose intervals grow away from 0; None where equal ones are short enough."""
     if shortest >= longest or not preactuation > 0:
         return None

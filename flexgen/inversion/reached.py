@@ -15,7 +15,7 @@ ADVICE = "allow more with --time SECONDS (time_limit=), or take a coarser --mesh
 
 
 @dataclass
-class Reached:
+class BestSolution:
     """The best solution so far, and what was tried.
 
     Attributes

@@ -32,7 +32,7 @@ NOTED = 1e-2  # of the accuracy: residual motion at the end from which a warning
 SHORTEST = 0.05  # s after the path
 
 
-def settled(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tuple[str, ...]]:
+def trim_after_settling(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tuple[str, ...]]:
     """The inversion without the samples after the path in which nothing moves any more, to equilibrium, and warnings.
 
     Parameters
@@ -60,7 +60,7 @@ def settled(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tup
     if last >= len(size) and (problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy):
         # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
         # ripple of a mesh that does not resolve the fastest of them
-        return _faded(problem, found, end), slow_gears(problem)
+        return _fade_to_equilibrium(problem, found, end), slow_gears(problem)
     if last >= len(size):
         units = sorted(set(output_units(problem.equations.model)))
         return found, (
@@ -100,7 +100,7 @@ def _left_over(problem: InversionProblem, found: Inversion, end: Equilibrium) ->
     return np.maximum.accumulate(size[::-1])[::-1]
 
 
-def _faded(problem: InversionProblem, found: Inversion, end: Equilibrium) -> Inversion:
+def _fade_to_equilibrium(problem: InversionProblem, found: Inversion, end: Equilibrium) -> Inversion:
     """The inversion with deviations from the equilibrium that fade out in the second half of the time after the path.
 
     ``x -> x_end + w (x - x_end)`` with a polynomial w(t) from 1 to 0; the torque has the inertia of the rotors in it:

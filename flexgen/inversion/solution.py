@@ -17,7 +17,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.registry import registered
-from flexgen.simulation.figures import Figure, both_measured, measured
+from flexgen.simulation.figures import Figure, both_measured, format_size
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation, error_figures, error_text
 from flexgen.torque_curve import torque_curve
@@ -133,7 +133,7 @@ class Solution:
             errors = both_measured(self.tool_error_max_m, self.tool_error_max_rad)
             where = f"{errors} from the reference at the same time"
             if self.path_distance_max_m is not None:
-                where = f"{measured(self.path_distance_max_m, 'm')} from the path ({where})"
+                where = f"{format_size(self.path_distance_max_m, 'm')} from the path ({where})"
             return f"{what} up to {where} because limits are active{more}"
         return f"{error_text(self.simulation, what)}{more}"
 
@@ -149,7 +149,7 @@ class Solution:
             if value in (None, ""):
                 continue
             text = f"{value:.4g} {unit}" if isinstance(value, float) else f"{value} {unit}"
-            text = measured(value, unit) if isinstance(value, float) and unit in ("m", "rad") else text
+            text = format_size(value, unit) if isinstance(value, float) and unit in ("m", "rad") else text
             rows.append((label, text.strip()))
         warnings = "".join(f"<p>warning: {escape(warning)}</p>" for warning in self.warnings)
         return table_html(f"{self.model.title}, move {self.move.name}", rows) + warnings
@@ -327,7 +327,7 @@ def relative_residual(equations: Equations, trajectory: Trajectory, rows: np.nda
     return float((rows / np.concatenate(scales)).max())
 
 
-def exceeded(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
+def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
     """Warnings: limits of the model file that the trajectory exceeds.
 
     Methods that keep limits may exceed them by a thousandth between their points.

@@ -18,8 +18,8 @@ from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, methods
 from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
-from flexgen.inversion.reached import Reached, stage_of
-from flexgen.inversion.solution import Solution, exceeded, relative_residual, residual_rows
+from flexgen.inversion.reached import BestSolution, stage_of
+from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
@@ -117,7 +117,7 @@ def solve(
     """
     began, log = (time.perf_counter(), time.process_time()), progress if callable(progress) else None
     check_arguments(method, preview, mesh, accuracy, time_limit, limits)
-    controller, reached = Hold(hold, sample_time, delay), Reached()
+    controller, reached = Hold(hold, sample_time, delay), BestSolution()
     given = preview, mesh, limits, verify, accuracy, log, dict(options or {})
     with running(time_limit or None) as deadline:
         try:
@@ -132,7 +132,7 @@ def solve(
 
 def _within_limits(solution: Solution, ignore: bool) -> Solution:
     """The solution, "limits exceeded" where it is solved beyond limits of the model file that are not ignored."""
-    if ignore or solution.status != Status.SOLVED or not exceeded(solution.model, solution.trajectory):
+    if ignore or solution.status != Status.SOLVED or not limit_warnings(solution.model, solution.trajectory):
         return solution
     return replace(solution, status=Status.LIMITS_EXCEEDED)
 
@@ -149,7 +149,7 @@ def _problem(
     from flexgen.paths.redundancy import problem_of_move
 
     preview, mesh, limits, verify, accuracy, log, options = given
-    equations = _derived(model, log)
+    equations = _derive(model, log)
     if fastest:
         warn_of_old("solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, move).move")
         move, limits = registered("Move.fastest")(equations.model, move, limits, log or False), None
@@ -157,7 +157,7 @@ def _problem(
     return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options)
 
 
-def _derived(model: str | FilePath | RobotModel | Equations, log: Callable[[str], None] | None) -> Equations:
+def _derive(model: str | FilePath | RobotModel | Equations, log: Callable[[str], None] | None) -> Equations:
     """The equations of motion of a model."""
     if isinstance(model, Equations):
         return model
@@ -166,7 +166,7 @@ def _derived(model: str | FilePath | RobotModel | Equations, log: Callable[[str]
     return derive(model)
 
 
-def _found(problem: InversionProblem, method: str, reached: Reached) -> Solution:
+def _found(problem: InversionProblem, method: str, reached: BestSolution) -> Solution:
     """The solution by a method, or by the default method and what it falls back to."""
     robot = problem.equations.model
     chosen = methods()[default_method(robot, problem.limits) if method == AUTO else method]
@@ -183,7 +183,7 @@ def _found(problem: InversionProblem, method: str, reached: Reached) -> Solution
     return reached.solution
 
 
-def _automatic_solution(problem: InversionProblem, method: Method, reached: Reached) -> Solution:
+def _automatic_solution(problem: InversionProblem, method: Method, reached: BestSolution) -> Solution:
     """The first verified solution: of the default method, or of a further one that applies to the model.
 
     ``details["attempts"]`` of the solution lists what failed before; so does the message of the error.
@@ -250,19 +250,19 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
 
 
 @overload
-def _refined(problem: InversionProblem, method: Method, reached: Reached) -> Solution: ...
+def _refined(problem: InversionProblem, method: Method, reached: BestSolution) -> Solution: ...
 
 
 @overload
 def _refined(
-    problem: InversionProblem, method: Method, reached: Reached, failures: list[tuple[str, SolverError]]
+    problem: InversionProblem, method: Method, reached: BestSolution, failures: list[tuple[str, SolverError]]
 ) -> Solution | None: ...
 
 
 def _refined(
     problem: InversionProblem,
     method: Method,
-    reached: Reached,
+    reached: BestSolution,
     failures: list[tuple[str, SolverError]] | None = None,
 ) -> Solution | None:
     """The solution of one method, on finer meshes until it is verified.
@@ -309,10 +309,10 @@ def _refined(
         if worst <= problem.accuracy and simulation.energy_error <= ENERGY and _is_exact(solution):
             return _with_ripple(solution)
         if best is None or worst < least:  # on a finer mesh rounding may be larger
-            details = {**solution.details, "missed": _missed(problem, worst, simulation.energy_error)}
+            details = {**solution.details, "missed": _refusal(problem, worst, simulation.energy_error)}
             best, least = replace(solution, status=Status.TOLERANCE_NOT_MET, details=details), worst
         if not last:
-            problem.log(f"{_missed(problem, worst, simulation.energy_error)}: halving the mesh")
+            problem.log(f"{_refusal(problem, worst, simulation.energy_error)}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
     return best
 
@@ -323,7 +323,7 @@ def _is_exact(solution: Solution) -> bool:
     return run is None or run.feedback is None or residual_is_small(solution)
 
 
-def _missed(problem: InversionProblem, worst: float, energy_error: float) -> str:
+def _refusal(problem: InversionProblem, worst: float, energy_error: float) -> str:
     """Why a verified solution is not accepted."""
     if worst <= problem.accuracy and energy_error <= ENERGY:
         return "the equations of motion do not hold between the samples, and the feedback hides how far the tool is off"
@@ -422,7 +422,7 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
         cpu_s=0.0,
         preactuation_s=result.preactuation,
         simulation=None,
-        warnings=(*exceeded(equations.model, trajectory), *problem.too_rough, *result.warnings),
+        warnings=(*limit_warnings(equations.model, trajectory), *problem.too_rough, *result.warnings),
         intervals=result.intervals,
         details=dict(result.details),
     )

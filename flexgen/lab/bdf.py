@@ -121,7 +121,7 @@ def march(
     return Marched(t, x, dx, iterations)
 
 
-def extrapolated(dae: InverseDae, path: Path, t: np.ndarray, x_eq: np.ndarray, order: int = 1) -> Marched:
+def extrapolate(dae: InverseDae, path: Path, t: np.ndarray, x_eq: np.ndarray, order: int = 1) -> Marched:
     """`march` with steps h and h/2, and Richardson's extrapolation at the instants t: one order more."""
     coarse = march(dae, path, t, x_eq, order)
     fine = march(dae, path, np.linspace(t[0], t[-1], 2 * len(t) - 1), x_eq, order)
@@ -158,7 +158,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     t = instants(problem, min(h / 5, problem.step))
     if order is None:
         order = stable_order(zeros_along(problem), float(t[1] - t[0]))
-    run = extrapolated if richardson else march
+    run = extrapolate if richardson else march
     found = run(dae, problem.path, t, dae.pack(problem.equilibrium), order)
     return result_of_states(
         problem,

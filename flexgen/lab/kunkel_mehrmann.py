@@ -158,7 +158,7 @@ def _newton(
     raise SolverError(f"Newton's iteration did not converge, last correction {size:.1e} of the unknowns' sizes")
 
 
-def regularized(dae: InverseDae, x_eq: np.ndarray, highest: int = HIGHEST) -> StrangenessFree:
+def regularize(dae: InverseDae, x_eq: np.ndarray, highest: int = HIGHEST) -> StrangenessFree:
     """The regularized DAE with the smallest array that satisfies the hypothesis, from the structural index upwards.
 
     ArgumentError where the structure is singular, SolverError where no order up to ``highest`` does.
@@ -186,7 +186,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     check_causal(problem, "kunkel-mehrmann")
     dae = dae_of(problem)
     x_eq = dae.pack(problem.equilibrium)
-    system = regularized(dae, x_eq)
+    system = regularize(dae, x_eq)
     t = instants(problem, min(h / 5, problem.step))
     found = integrate(system, problem.path, t, x_eq)
     return result_of_states(

@@ -93,7 +93,7 @@ def largest_frequency(n: int, form: str, timing: Timing) -> float:
     return low
 
 
-def checked_gains(frequency_hz: float, n: int, form: str, timing: Timing, allow_unstable: bool = False) -> np.ndarray:
+def stable_gains(frequency_hz: float, n: int, form: str, timing: Timing, allow_unstable: bool = False) -> np.ndarray:
     """`chain_gains`; ArgumentError where the sampled loop with them is not stable."""
     gains = chain_gains(frequency_hz, n, form, timing.sample_s)
     size = largest_eigenvalue(gains, timing)

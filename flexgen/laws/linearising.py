@@ -22,7 +22,7 @@ import numpy as np
 from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.laws.bound import COMPUTED_TORQUE, LINEARISATION, BoundLaw
-from flexgen.laws.chain import FORMS, FormName, checked_gains
+from flexgen.laws.chain import FORMS, FormName, stable_gains
 from flexgen.laws.stability import check_pose_loop
 from flexgen.library.model_library import library_with
 from flexgen.loop.law_motion import LawMotion
@@ -93,7 +93,7 @@ class FeedbackLinearisation(ModelLaw):
         if reason is not None:
             raise ArgumentError(f"controller FeedbackLinearisation: {reason}")
         timing = motion.timing(self.predict)
-        gains = checked_gains(self.frequency_hz, 4, self.form, timing, self.allow_unstable)
+        gains = stable_gains(self.frequency_hz, 4, self.form, timing, self.allow_unstable)
         uses = ("motion", "torque", "dynamics")
         library = library_with(model, [*FLEXIBLE_JOINT, "forward_dynamics"])
         whole = (timing.delay_s, timing.ahead_s) if self.predict else (0.0,)
@@ -158,7 +158,7 @@ class ComputedTorque(ModelLaw):
         """ArgumentError where the sampled loop is unstable."""
         model, inverse = motion.model, np.linalg.inv(motion.model.eta)
         if model.dof < model.n_a + model.n_m:  # behind rigid gears the law makes chains of two integrators
-            checked_gains(self.frequency_hz, 2, "continuous", motion.timing())
+            stable_gains(self.frequency_hz, 2, "continuous", motion.timing())
         if model.dof == model.n_a:
             return
 

@@ -25,7 +25,7 @@ from flexgen.display import short_repr
 from flexgen.loop.controllers import Linear
 from flexgen.loop.model_law import FLAG, NUMBER, LinearDesign
 from flexgen.loop.plants import check_design
-from flexgen.loop.sampled_model import PoseModel, PoseModels, held, sampled
+from flexgen.loop.sampled_model import PoseModel, PoseModels, hold_effects, sample_model
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.riccati import riccati
 from flexgen.type_checks import checked_class
@@ -113,17 +113,17 @@ class _Design:
         """``A, B, C, D`` of the controller at one point of a motion."""
         check_time("gains of the controller")
         at, h, options = self.poses.at(motion), self.sample_s, self.options
-        F, G = sampled(at.A, at.B, h, self.delay_s)
+        F, G = sample_model(at.A, at.B, h, self.delay_s)
         n, n_m, size = len(at.A), self.model.n_m, len(F)
         gain = regulator(at, F, G, options.rho, self.u_max)
         whole = size + n_m  # and the disturbances
         full = np.zeros((whole, whole))
         full[:size, :size], full[size:, size:] = F, np.eye(n_m)
-        full[:n, size:] = held(at.A, at.B, h, 0.0)[1]
+        full[:n, size:] = hold_effects(at.A, at.B, h, 0.0)[1]
         drive = np.vstack([G, np.zeros((n_m, n_m))])
         process = 1e-18 * np.eye(whole)
         torque = full[:n, size:] * (options.torque_noise * self.u_max)
-        pushed = held(at.A, at.push, h, 0.0)[1] * TOOL_FORCE
+        pushed = hold_effects(at.A, at.push, h, 0.0)[1] * TOOL_FORCE
         process[:n, :n] += torque @ torque.T + pushed @ pushed.T
         process[size:, size:] += np.diag((options.disturbance_rate * self.u_max) ** 2 * h)
         rows = np.hstack([at.C, np.zeros((len(at.C), whole - n))])

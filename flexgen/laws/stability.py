@@ -10,7 +10,7 @@ from flexgen.analysis.second_order import motor_rows
 from flexgen.errors import ArgumentError
 from flexgen.laws.chain import STABLE
 from flexgen.loop.law_motion import LawMotion
-from flexgen.loop.sampled_model import PoseModel, PoseModels, sampled
+from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
 
 POSES = 7  # of the motion: its start, its end, and between them
 Feedback = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -24,7 +24,7 @@ def pose_eigenvalue(
     ``of_angles``, ``of_speeds`` (n_m, n): of the coordinates y of the linear model; ``differences``: y' is the
     difference of two samples.
     """
-    F, G = sampled(pose.A, pose.B, sample_s, delay_s)
+    F, G = sample_model(pose.A, pose.B, sample_s, delay_s)
     n, size = len(pose.A) // 2, len(F)
     K, last = np.zeros((len(of_angles), size)), np.zeros((len(of_angles), n))
     K[:, :n] = of_angles

@@ -21,7 +21,7 @@ from flexgen.laws.lq import regulator, torque_scale
 from flexgen.loop.controllers import Linear
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.model_law import NUMBER, ModelLaw
-from flexgen.loop.sampled_model import PoseModels, sampled
+from flexgen.loop.sampled_model import PoseModels, sample_model
 from flexgen.type_checks import checked_class
 
 PARTS = 40  # of the motion with gains of their own
@@ -71,7 +71,7 @@ class LQ(ModelLaw):
         for k in range(len(points[0])):
             check_time("gains of the controller")
             at = poses.at([x[k : k + 1] for x in points])
-            F, G = sampled(at.A, at.B, motion.sample_s, motion.delay_s)
+            F, G = sample_model(at.A, at.B, motion.sample_s, motion.delay_s)
             K = regulator(at, F, G, self.rho, torque_scale(model))
             matrices.append(self._part(K, motion, links, n_y))
         A, B, C, D = (np.array(x) for x in zip(*matrices, strict=True))

@@ -31,11 +31,11 @@ def c_module(source: Path, option: str = "", *, native: bool = False) -> ctypes.
     BuildError
         There is no compiler, or it fails.
     """
-    return load_module(compiled(source.stem, source.read_text(), level=option, native=native))
+    return load_module(compile_module(source.stem, source.read_text(), level=option, native=native))
 
 
 def load_module(path: Path) -> ctypes.CDLL:
-    """Load a module that `compiled` made, or found; BuildError where others could have changed it."""
+    """Load a module that `compile_module` made, or found; BuildError where others could have changed it."""
     return trusted_library(trusted_file(path), advice=_ADVICE)
 
 
@@ -46,7 +46,7 @@ def module_copy(path: Path) -> Iterator[str]:
         yield copy
 
 
-def compiled(
+def compile_module(
     name: str, text: str, *, level: str = "", native: bool = False, before: Callable[[], None] | None = None
 ) -> Path:
     """The path of the shared library of a C text: in the user's cache, or in a folder of this program.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from flexgen.library.c_module import compiled, module_copy
+from flexgen.library.c_module import compile_module, module_copy
 
 FAST = 30_000  # operations: above it the compiler takes too long to optimize
 LONG = 5_000  # operations: above it the compiler takes a second or more
@@ -38,7 +38,7 @@ def casadi_module(function: ca.Function, before: Callable[[str], None] | None = 
             before(f"compiling {size} operations")
 
     level = "-O1" if size < FAST else "-O0"
-    return compiled(function.name(), _EXPORTED + generator.dump(), level=level, before=announce)
+    return compile_module(function.name(), _EXPORTED + generator.dump(), level=level, before=announce)
 
 
 def in_c(function: ca.Function) -> ca.Function:

@@ -122,13 +122,13 @@ def find_compiler(*, native: bool = False, openmp: bool = False, isa: str = "nat
     """
     if isa not in ISAS:
         raise BuildError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
-    return _found(native, openmp, isa, os.environ.get("CC"), os.environ.get("PATH"))
+    return _find_compiler(native, openmp, isa, os.environ.get("CC"), os.environ.get("PATH"))
 
 
 @lru_cache(maxsize=16)  # asking the compiler takes longer than many a computation
-def _found(native: bool, openmp: bool, isa: str, cc: str | None, path: str | None) -> Compiler | None:
+def _find_compiler(native: bool, openmp: bool, isa: str, cc: str | None, path: str | None) -> Compiler | None:
     """The compiler in this environment."""
-    chosen = _chosen()
+    chosen = _choose_command()
     if chosen is None:
         return None
     program = tuple(word for word in chosen if not word.startswith("-"))
@@ -165,7 +165,7 @@ def _found(native: bool, openmp: bool, isa: str, cc: str | None, path: str | Non
     return Compiler(program, version, tuple(flags), identity, used, straight, functions, solvers, others)
 
 
-def _chosen() -> list[str] | None:
+def _choose_command() -> list[str] | None:
     """The words of $CC, or of the first compiler found."""
     given = os.environ.get("CC", "")
     try:

@@ -89,7 +89,7 @@ def libraries(manifest: Mapping[str, Any] | None) -> list[str]:
     return [manifest["build"]["library"], manifest["build"]["static"]] if manifest and manifest["build"] else []
 
 
-def unchanged(directory: Path, files: Mapping[str, str]) -> bool:
+def is_unchanged(directory: Path, files: Mapping[str, str]) -> bool:
     """True where every file is there with its SHA-256."""
     try:
         return all(_FILE.match(file) and _sha256(directory / file) == digest for file, digest in files.items())

@@ -32,10 +32,10 @@ from flexgen.library.directory import (
     check_owned,
     clean,
     install,
+    is_unchanged,
     libraries,
     read_manifest,
     staging,
-    unchanged,
 )
 from flexgen.library.packaging import packaging
 from flexgen.model.elements import RobotModel
@@ -167,7 +167,7 @@ def generate(
     request = _Request(
         model, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force, parts
     )
-    return _generated(request, target, build, log, start)
+    return _generate_folder(request, target, build, log, start)
 
 
 def generate_parts(
@@ -200,7 +200,7 @@ def generate_parts(
     request = _Request(
         model, None, names, "double", tuple(parameters), False, per_point, options, False, parts, solvers
     )
-    return _generated(request, directory, True, progress, time.perf_counter())
+    return _generate_folder(request, directory, True, progress, time.perf_counter())
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,9 @@ class _Request:
     solvers: Sequence[str] | None = None
 
 
-def _generated(request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float) -> Generated:
+def _generate_folder(
+    request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float
+) -> Generated:
     """The library in the folder ``target``: the existing one where nothing has changed, else written and compiled."""
     name, options = library_name(request.model), request.options
     followed(target)
@@ -244,7 +246,7 @@ def _generated(request: _Request, target: Path, build: bool, log: Callable[[str]
     if known and old is not None:
         manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
     else:
-        manifest, texts = _written(request, digest, log)
+        manifest, texts = _write_sources(request, digest, log)
     public = [file for file in texts if file.endswith(".h") and "/" not in file]
     texts |= packaging(name, _sources(texts), public, openmp=options["openmp"])
     manifest["files"] = {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()}
@@ -294,7 +296,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
         (folder / file).write_text(text, encoding="ascii", newline="\n")
 
 
-def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, str]]:
+def _write_sources(request: _Request, digest: str, log: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, str]]:
     """The manifest and the sources, derived where no equations are given."""
     name, equations = library_name(request.model), request.equations
     if equations is None:
@@ -419,7 +421,7 @@ def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) ->
 
 def _intact(directory: Path, manifest: dict[str, Any]) -> bool:
     """True where every text is there as recorded."""
-    return unchanged(directory, manifest["files"])
+    return is_unchanged(directory, manifest["files"])
 
 
 def _built(directory: Path, manifest: dict[str, Any], options: dict[str, Any], compiler: Compiler | None) -> bool:
@@ -429,7 +431,7 @@ def _built(directory: Path, manifest: dict[str, Any], options: dict[str, Any], c
         made_so = {key: built[key] for key in options} == options
         if not made_so or (compiler is not None and built["identity"] != compiler.identity):
             return False
-        return unchanged(directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]})
+        return is_unchanged(directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]})
     except (KeyError, TypeError):
         return False
 

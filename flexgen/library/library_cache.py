@@ -36,13 +36,13 @@ def prune(folder: Path) -> None:
     for _, size, path in sorted(entries):
         if count <= MOST and total <= LIMIT:
             break
-        if not _removed(path):
+        if not _remove_unused(path):
             continue
         count -= 1
         total -= size
 
 
-def _removed(path: Path) -> bool:
+def _remove_unused(path: Path) -> bool:
     """Remove a library unless it is in use.
 
     It is renamed first, so that no process finds half of it, and restored if another process marks it as in use in the

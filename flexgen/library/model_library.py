@@ -59,7 +59,7 @@ def library_with(
     """
     with paused():
         what = _What(tuple(functions), tuple(solvers), tuple(parameters), native, per_point)
-        return _loaded(_Key(model), what, progress if progress is not None else _silent)
+        return _load(_Key(model), what, progress if progress is not None else _silent)
 
 
 def _silent(line: str) -> None:
@@ -109,7 +109,7 @@ def _built(key: _Key, what: _What) -> list[Library]:
     return []
 
 
-def _loaded(key: _Key, what: _What, progress: Callable[[str], None]) -> Library:
+def _load(key: _Key, what: _What, progress: Callable[[str], None]) -> Library:
     holder = _built(key, what)
     if not holder:
         model = key.model
@@ -122,13 +122,13 @@ def _loaded(key: _Key, what: _What, progress: Callable[[str], None]) -> Library:
                 holder.append(load(made.directory))
         else:
             target = root / "libraries" / f"{library_name(model)}-{mark}"
-            holder.append(_kept(model, target, what, progress))
+            holder.append(_load_from_cache(model, target, what, progress))
     else:
         mark_used(holder[0].directory)
     return holder[0]
 
 
-def _kept(model: RobotModel, target: Path, what: _What, progress: Callable[[str], None]) -> Library:
+def _load_from_cache(model: RobotModel, target: Path, what: _What, progress: Callable[[str], None]) -> Library:
     """The library in a folder of the cache; generated where it is missing."""
     there = (target / MANIFEST).exists()
     mark_used(target)

@@ -19,7 +19,7 @@ from flexgen.arguments import is_number
 from flexgen.counts import shown
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Linear
-from flexgen.loop.sampled_model import PoseModel, PoseModels, sampled
+from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
 from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_class, checked_result
 
@@ -106,7 +106,7 @@ class LoopAtPose:
                 f"more_delay_s: given {shown(more_delay_s)}, expected 0 to {MOST_LATE * self.sample_s} s"
             )
         m, h = self.model, self.sample_s
-        F, G = sampled(m.A, m.B, h, self.delay_s + more_delay_s)
+        F, G = sample_model(m.A, m.B, h, self.delay_s + more_delay_s)
         A, B, C, D = (x[0] for x in self.controller.matrices)
         Y = np.zeros((len(m.C), len(F)))
         Y[:, : len(m.A)] = m.C
@@ -131,7 +131,7 @@ class LoopAtPose:
             raise ArgumentError(f"low_hz: given {shown(low_hz)}, expected {LEAST_HZ:g} to {0.499 / h:.4g} Hz")
         hz = np.geomspace(low_hz, 0.499 / h, FREQUENCIES)
         z = np.exp(2j * np.pi * hz * h)[:, None, None]
-        F, G = sampled(m.A, m.B, h, self.delay_s)
+        F, G = sample_model(m.A, m.B, h, self.delay_s)
         Y = np.zeros((len(m.C), len(F)))
         Y[:, : len(m.A)] = m.C
         plant = Y @ np.linalg.solve(z * np.eye(len(F)) - F, np.broadcast_to(G.astype(complex), (len(hz), *G.shape)))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.inversion.solution import Solution, measured
+from flexgen.inversion.solution import Solution, format_size
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import Controller
 from flexgen.loop.margins import LoopAtPose, Margins, loops_at
@@ -123,7 +123,9 @@ class ControlRun:
         for run in self.runs[:SHOWN]:
             row = self.figures(run)
             found = {key: [(row[f"{key}_{u}"], u) for u in UNITS] for key in ("error_max", "dynamic_error_max")}
-            whole, dynamic = (" and ".join(measured(x, u) for x, u in each if x is not None) for each in found.values())
+            whole, dynamic = (
+                " and ".join(format_size(x, u) for x, u in each if x is not None) for each in found.values()
+            )
             text = run.failure or (
                 f"error up to {whole}, dynamic {dynamic}, torque up to {row['torque_max_Nm']:.4g} N m"
             )

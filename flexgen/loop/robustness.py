@@ -72,7 +72,7 @@ class Bandwidth:
     integral: float = 10.0
 
 
-def perturbed(model: RobotModel, plant: Plant) -> RobotModel:
+def perturb(model: RobotModel, plant: Plant) -> RobotModel:
     """The model with other stiffnesses (gears, joints, beams) and other masses (bodies with inertias, payload, beams).
 
     Dampings, frictions, rotors and geometry are unchanged.
@@ -185,7 +185,7 @@ def compare_plants(
     out = []
     for plant in plants:
         same = plant.stiffness == 1.0 and plant.mass == 1.0
-        perturbed_robot = equations if same else Equations(perturbed(equations.model, plant))
+        perturbed_robot = equations if same else Equations(perturb(equations.model, plant))
         for control in controls:
             for method, solution in solutions.items():
                 if progress is not None:

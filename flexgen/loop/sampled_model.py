@@ -83,7 +83,7 @@ def elastic_gears(model: RobotModel) -> list[int]:
     return [i for i, row in zip(model.i_g, twist, strict=True) if np.any(row)]
 
 
-def held(A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float) -> tuple[np.ndarray, np.ndarray]:
+def hold_effects(A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Effect on the next sample of an input that acts until ``rest_s``, and of one that acts from there on."""
     n, m = B.shape
 
@@ -95,13 +95,13 @@ def held(A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float) -> tuple[
     return phi @ constant(rest_s)[1], after
 
 
-def sampled(A: np.ndarray, B: np.ndarray, sample_s: float, delay_s: float) -> tuple[np.ndarray, np.ndarray]:
+def sample_model(A: np.ndarray, B: np.ndarray, sample_s: float, delay_s: float) -> tuple[np.ndarray, np.ndarray]:
     """``F`` and ``G`` of the model with torques under way; see the text of this module."""
     n, n_m = B.shape
     whole = int(delay_s / sample_s + 1e-9)
     rest = delay_s - whole * sample_s
     rest = rest if rest > 1e-9 * sample_s else 0.0
-    before, after = held(A, B, sample_s, rest)
+    before, after = hold_effects(A, B, sample_s, rest)
     late = whole + (1 if rest > 0 else 0)
     size = n + late * n_m
     F, G = np.zeros((size, size)), np.zeros((size, n_m))

@@ -64,7 +64,7 @@ class Parametrized:
     parameters: tuple[Parameter, ...]
 
 
-def parametrized(model: RobotModel, names: Sequence[str]) -> Parametrized:
+def put_symbols(model: RobotModel, names: Sequence[str]) -> Parametrized:
     """Put symbols in the place of the numbers named; see the table above.
 
     Raises

@@ -18,7 +18,7 @@ import casadi as ca
 from flexgen.counts import shown
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.lagrangian import Lagrangian, equations_of, lagrangian
-from flexgen.mechanics.parameters import parametrized
+from flexgen.mechanics.parameters import put_symbols
 from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_class
 
@@ -47,7 +47,7 @@ class System:
     """
 
     def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
-        made = parametrized(model, parameters)
+        made = put_symbols(model, parameters)
         self.model, self.parameters, self.symbols = made.given, made.parameters, made.symbols
         self.with_symbols = made.model
 

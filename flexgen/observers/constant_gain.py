@@ -27,7 +27,7 @@ from flexgen.library.c_module import c_module
 from flexgen.library.model_library import library_with
 from flexgen.loop.channels import MOTORS, Noise, channels_of
 from flexgen.loop.control import control_case
-from flexgen.loop.sampled_model import PoseModel, PoseModels, held
+from flexgen.loop.sampled_model import PoseModel, PoseModels, hold_effects
 from flexgen.numerics.riccati import riccati
 from flexgen.observers.design import (
     Noises,
@@ -218,7 +218,7 @@ def stationary(
     The gain corrects the prediction at the sample itself: ``M = P C' (C P C' + R)^-1``, P the covariance before it.
     """
     n_x, n_m = at.B.shape
-    F, G = expm(at.A * sample_s), held(at.A, at.B, sample_s, 0.0)[1]
+    F, G = expm(at.A * sample_s), hold_effects(at.A, at.B, sample_s, 0.0)[1]
     C, D = at.C[index], at.D[index]
     whole, rows = np.eye(n_x + n_m), np.hstack([C, D])
     whole[:n_x, :n_x], whole[:n_x, n_x:] = F, G

@@ -9,7 +9,7 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.loop.channels import Channels
 from flexgen.loop.noises import Noises
-from flexgen.loop.sampled_model import PoseModel, held
+from flexgen.loop.sampled_model import PoseModel, hold_effects
 from flexgen.model.elements import RobotModel
 
 NOT_SEEN = 1e-9  # smallest singular value of the test, relative: below it a state does not show
@@ -28,7 +28,7 @@ def state_names(model: RobotModel, disturbances: bool) -> tuple[str, ...]:
 
 def tool_force_noise(at: PoseModel, sample_s: float, force: float) -> np.ndarray:
     """Covariance (n_x, n_x) that a force on the tool, white noise held in each sample, adds to the state."""
-    pushed = held(at.A, at.push, sample_s, 0.0)[1] * force
+    pushed = hold_effects(at.A, at.push, sample_s, 0.0)[1] * force
     return np.asarray(pushed @ pushed.T)
 
 

@@ -69,7 +69,7 @@ class SpeedLaw:
         keep = np.append(True, np.diff(times) > 1e-13 * times[-1])
         return times[keep] * self.time_scale
 
-    def slowed(self, factor: float) -> SpeedLaw:
+    def slow_down(self, factor: float) -> SpeedLaw:
         """This law with the time multiplied by ``factor``: speeds / factor, accelerations / factor^2, ..."""
         return replace(self, time_scale=self.time_scale * factor)
 

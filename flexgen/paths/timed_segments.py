@@ -190,7 +190,7 @@ def bounded_law(
         raise SolverError(
             f"path: the joint limits would slow it down by a factor of {factor:.1e}; it passes a singular pose"
         )
-    return law.slowed(factor) if factor > 1 + TOLERANCE else law
+    return law.slow_down(factor) if factor > 1 + TOLERANCE else law
 
 
 def _peaks(segment: TimedSegment, radius: float) -> np.ndarray:

@@ -34,7 +34,7 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import grid, time_derivative
-from flexgen.inversion.solution import Solution, measured
+from flexgen.inversion.solution import Solution, format_size
 from flexgen.loop.channels import ACCELEROMETER as TOOL_ACCELEROMETER
 from flexgen.loop.channels import MOTORS, Channels, channels_of
 from flexgen.loop.control import AFTER_S, HOLD_S, SAMPLE_S, Case, control_case, run_case
@@ -135,18 +135,19 @@ class Learned:
 
     def __repr__(self) -> str:
         errors = self.errors
-        first, best = (measured(e, self.unit) for e in (errors[0], errors[self.best]))
+        first, best = (format_size(e, self.unit) for e in (errors[0], errors[self.best]))
         return f"<Learned {self.runs[0].model.name}: {first} -> {best}>"
 
     def __str__(self) -> str:
         """The errors of all iterations."""
         rows = [
-            f"  {k}: {measured(e, self.unit)}{' (best)' if k == self.best else ''}" for k, e in enumerate(self.errors)
+            f"  {k}: {format_size(e, self.unit)}{' (best)' if k == self.best else ''}"
+            for k, e in enumerate(self.errors)
         ]
         if self.measured_by != TRACKER:
             parts = zip(self.dynamic_errors, self.measured_errors, strict=True)
             u = self.unit
-            more = [f", dynamic {measured(d, u)}, estimated {measured(e, u)}" for d, e in parts]
+            more = [f", dynamic {format_size(d, u)}, estimated {format_size(e, u)}" for d, e in parts]
             rows = [row + text for row, text in zip(rows, more, strict=True)]
         head = (
             f"{self.runs[0].model.name}, move {self.runs[0].solution.move.name}: largest error of "
@@ -264,13 +265,13 @@ def learn(
         raise ArgumentError(f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz")
     law, title = controller_of(controller, case.model, sample_time, delay, motion)
     seen = _plain if channels is None else _Smoothed(case, channels, name)
-    runs, corrections, best, stopped, shown = _iterated(
+    runs, corrections, best, stopped, shown = _iterate(
         commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, seed, tell
     )  # fmt: skip
     return Learned(runs, corrections, commanded.time, best, float(low), float(gain), name, stopped, measured_by, shown)
 
 
-def _iterated(
+def _iterate(
     commanded: _Commanded,
     run: Callable[[Case], ControlRun],
     seen: Callable[[ControlRun], ControlRun],
@@ -297,7 +298,7 @@ def _iterated(
         runs.append(run(corrected))
         shown = seen(runs[-1])
         errors.append(_largest(shown, name))
-        tell(f"iteration {k}: largest error {measured(errors[-1], runs[-1].unit)}")
+        tell(f"iteration {k}: largest error {format_size(errors[-1], runs[-1].unit)}")
         if k == 0 and not np.isfinite(errors[0]):
             stopped = "the robot fails without correction"
             break

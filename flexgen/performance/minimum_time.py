@@ -24,7 +24,7 @@ from flexgen.arguments import check_not_negative, check_positive, is_whole
 from flexgen.deadline import OutOfTime, running
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
-from flexgen.inversion.solution import Solution, measured
+from flexgen.inversion.solution import Solution, format_size
 from flexgen.inversion.solve import solve
 from flexgen.loop.result import unit_of
 from flexgen.mechanics.equations import Equations, derive, robot_of
@@ -120,7 +120,8 @@ class Fastest:
                 f"{self.cpu_s:.2g} s of processor time",
                 "  vibration after the path, "
                 + ", ".join(
-                    f"{name}: {measured(x, self.unit)} ({measured(self.default_vibration[name], self.unit)} as given)"
+                    f"{name}: {format_size(x, self.unit)} "
+                    f"({format_size(self.default_vibration[name], self.unit)} as given)"
                     for name, x in self.vibration.items()
                 ),
                 f"  {str(self.solution).splitlines()[1].strip()}",

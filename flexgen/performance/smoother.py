@@ -21,7 +21,7 @@ from flexgen.library.model_library import library_with
 from flexgen.loop.channels import Channels
 from flexgen.loop.noises import Noises
 from flexgen.loop.reference import MotionReference
-from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears, held
+from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears, hold_effects
 from flexgen.numerics.riccati import riccati
 
 PARTS = 40  # of the motion, each with gains of its own
@@ -75,7 +75,7 @@ class PathSmoother:
     def _gains(self, at: PoseModel) -> tuple[np.ndarray, ...]:
         """Sampled model, gain of the filter, and gain of the smoother at a pose; f in units of its expected size."""
         n_x, n_m, h, index = len(at.A), self.model.n_m, self.sample_s, self.channels.index
-        G, E = (held(at.A, x, h, 0.0)[1] for x in (at.B, at.arm * self._force))
+        G, E = (hold_effects(at.A, x, h, 0.0)[1] for x in (at.B, at.arm * self._force))
         n_a = E.shape[1]
         largest = self._torque.largest
         n_z = n_x + n_m + n_a

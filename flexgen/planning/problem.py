@@ -40,7 +40,7 @@ from flexgen.planning.blocks import Program, check_finite, program
 from flexgen.planning.nodal import general_part
 from flexgen.planning.obstacles import Obstacle, Sphere, distance_rows
 from flexgen.planning.phase import Phase, check_phase
-from flexgen.planning.result import planned_solution
+from flexgen.planning.result import make_solution
 from flexgen.planning.start import Parameter, check_rest, scales, start_of
 from flexgen.planning.transcribe import Layout, blocks_of, links
 from flexgen.progress import Choice, reported
@@ -318,7 +318,7 @@ class PlanProblem(Phase):
             x = found.x * scale
             if found.success:
                 self._warm, self._warm_x = found, x
-            return planned_solution(self, layout, made, found, x, accuracy, verify, began, told)
+            return make_solution(self, layout, made, found, x, accuracy, verify, began, told)
 
     @checked_types
     def reference_at(self, phase: Phase) -> Callable[[np.ndarray], np.ndarray]:

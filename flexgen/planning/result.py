@@ -12,7 +12,7 @@ import numpy as np
 
 from flexgen.errors import SolverError
 from flexgen.inversion.motor_side import MotorMotion, gear_torques
-from flexgen.inversion.solution import Solution, exceeded, relative_residual
+from flexgen.inversion.solution import Solution, limit_warnings, relative_residual
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import path_distance, plan_error
 from flexgen.mechanics.equations import Equations
@@ -104,7 +104,7 @@ def _all_motors(equations: Equations, part: np.ndarray) -> np.ndarray:
     return np.asarray(out)
 
 
-def planned_solution(
+def make_solution(
     problem: Problem, layout: Layout, made: Program, found: NlpResult, x: np.ndarray, accuracy: float,
     verify: bool, began: tuple[float, float], progress: Callable[[str], None] | None,
 ) -> Solution:  # fmt: skip
@@ -131,13 +131,13 @@ def planned_solution(
         trajectory=trajectory, residual_max_Nm=float(residual.max()),
         residual_relative=relative_residual(equations, trajectory, residual), iterations=found.iterations, wall_s=0.0,
         cpu_s=0.0, preactuation_s=0.0, simulation=None,
-        warnings=exceeded(equations.model, trajectory) if problem.keeps_model_limits else (),
+        warnings=limit_warnings(equations.model, trajectory) if problem.keeps_model_limits else (),
         intervals=sum(phase.mesh.N for phase in phases), torque_command=command,
         details=_details(problem, layout, x, found, made),
     )  # fmt: skip
     if found.success:
-        solution = _checked_bounds(problem, layout, made, between, solution)
-        solution = _verified(problem, solution, accuracy, verify, tracked, progress)
+        solution = _check_bounds(problem, layout, made, between, solution)
+        solution = _verify(problem, solution, accuracy, verify, tracked, progress)
     return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
 
 
@@ -242,7 +242,7 @@ def _targets(problem: Problem, layout: Layout, motion: Samples) -> np.ndarray:
     return np.vstack(out)
 
 
-def _checked_bounds(problem: Problem, layout: Layout, made: Program, at: Samples, solution: Solution) -> Solution:
+def _check_bounds(problem: Problem, layout: Layout, made: Program, at: Samples, solution: Solution) -> Solution:
     """The solution, "tolerance not met" where a constraint is violated between the collocation points."""
     begin = 0
     unit: dict[str, float] = {}
@@ -290,7 +290,7 @@ def _checked_bounds(problem: Problem, layout: Layout, made: Program, at: Samples
     return solution
 
 
-def _verified(
+def _verify(
     problem: Problem, solution: Solution, accuracy: float, verify: bool, tracked: bool,
     progress: Callable[[str], None] | None,
 ) -> Solution:  # fmt: skip

@@ -62,7 +62,7 @@ class Finding:
         return f"{self.key}: {self.quantity} {self.value}, usual {self.usual}; {self.advice}"
 
 
-def judged(key: str, quantity: str, value: float, unit: str, usual: Usual, advice: str) -> Finding:
+def make_finding(key: str, quantity: str, value: float, unit: str, usual: Usual, advice: str) -> Finding:
     """A number as a `Finding`."""
     mark = usual.mark(value)
     unit = f" {unit}" if unit else ""

@@ -12,7 +12,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.path import CHECKED, Path
-from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, judged
+from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, make_finding
 from flexgen.plausibility.numbers import MOVE_SPEED, MOVE_SPEED_TRANSLATION
 
 
@@ -71,7 +71,7 @@ def _speeds(robot: RobotModel, key: str, v_g: np.ndarray) -> Iterator[Finding]:
         of_unit = [k for k, i in enumerate(robot.i_g) if robot.coordinates[i].unit == unit]
         if of_unit:
             speed = max(float(fastest[k]) for k in of_unit)
-            yield judged(key, "largest joint speed", speed, f"{unit}/s", usual, advice)
+            yield make_finding(key, "largest joint speed", speed, f"{unit}/s", usual, advice)
     joints = [robot.coordinates[i] for i in robot.i_g]
     rows = [(j.name, j.dof.speed_max, float(v), f"{j.unit}/s") for j, v in zip(joints, fastest, strict=True) if j.dof]
     rows += [(m.name, m.speed_max, float(v), "rad/s") for m, v in zip(robot.motors, v_m, strict=True)]

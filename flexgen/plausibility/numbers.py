@@ -16,7 +16,7 @@ import numpy as np
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import Body, Coordinate, Motor, RobotModel, Spring
-from flexgen.plausibility.finding import OK, UNUSUAL, Finding, Usual, judged
+from flexgen.plausibility.finding import OK, UNUSUAL, Finding, Usual, make_finding
 
 RATIO = Usual(0.9, 500.0, 1e-2, 1e4)  # of a rotation
 RATIO_TRANSLATION = Usual(5.0, 2e4, 1e-2, 1e6)  # rad/m: pinions of 0.2 m to screws of 0.3 mm
@@ -60,7 +60,7 @@ def drives(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Find
         if motor.torque_max and load > 1e-9 * motor.torque_max:
             text = "torque of the motor to that of gravity at home"
             advice = "torque_max is at the motor, not at the joint; or ratio, masses, gravity"
-            yield judged(f"motor.{motor.name}.torque_max", text, motor.torque_max / load, "", TORQUE, advice)
+            yield make_finding(f"motor.{motor.name}.torque_max", text, motor.torque_max / load, "", TORQUE, advice)
 
 
 def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -> Iterator[Finding]:
@@ -70,34 +70,38 @@ def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -
     unit, kind = ("rad/m", "a translation") if translation else ("rad/rad", "a rotation")
     by_unit = " in rad/m: 2 pi over the lead of a screw, 1 over the radius of a pinion, times the gear" * translation
     advice = f"the ratio is q_motor / q_joint{by_unit}; not a percentage, and not its inverse"
-    yield judged(f"motor.{motor.name}.ratio", f"ratio of {kind}", size, unit, usual, advice)
+    yield make_finding(f"motor.{motor.name}.ratio", f"ratio of {kind}", size, unit, usual, advice)
     if motor.inertia == 0.0:
         return
     advice = "inertia in kg m^2: 1 g cm^2 is 1e-7, 1 kg cm^2 is 1e-4"
-    yield judged(f"motor.{motor.name}.inertia", "rotor inertia", motor.inertia, "kg m^2", ROTOR, advice)
+    yield make_finding(f"motor.{motor.name}.inertia", "rotor inertia", motor.inertia, "kg m^2", ROTOR, advice)
     if arm > 0.0:
         worst = "ratio" if usual.distance(size) >= ROTOR.distance(motor.inertia) else "inertia"
         advice = f"{worst} of the motor (it is on the motor side), or the masses and inertias of the arm"
         text = f"rotor inertia times ratio^2 to the inertia of the arm at {joint.name}"
-        yield judged(f"motor.{motor.name}.{worst}", text, motor.inertia * ratio**2 / arm, "", ROTOR_TO_ARM, advice)
+        yield make_finding(
+            f"motor.{motor.name}.{worst}", text, motor.inertia * ratio**2 / arm, "", ROTOR_TO_ARM, advice
+        )
 
 
 def _speeds(robot: RobotModel, motor: Motor) -> Iterator[Finding]:
     """Limits of the speeds of a motor and its joints."""
     key, advice = f"motor.{motor.name}.speed_max", "speed_max in rad/s: 1000 rpm are 105 rad/s"
     if motor.speed_max:
-        yield judged(key, "motor speed", motor.speed_max, "rad/s", MOTOR_SPEED, advice)
+        yield make_finding(key, "motor speed", motor.speed_max, "rad/s", MOTOR_SPEED, advice)
     for name, ratio in zip(motor.drives, motor.ratio, strict=True):
         joint = next(c for c in robot.coordinates if c.name == name)
         usual = JOINT_SPEED_TRANSLATION if joint.unit == "m" else JOINT_SPEED
         unit = f"{joint.unit}/s"
         if motor.speed_max:
             text = f"speed of {name} at the largest motor speed"
-            yield judged(key, text, motor.speed_max / abs(ratio), unit, usual, f"{advice}; or the ratio")
+            yield make_finding(key, text, motor.speed_max / abs(ratio), unit, usual, f"{advice}; or the ratio")
         assert joint.dof is not None
         if joint.dof.speed_max:
             advice_joint = f"speed_max in {unit}" + ": 180 degrees/s are 3.14 rad/s" * (joint.unit == "rad")
-            yield judged(f"{dof_key(joint)}.speed_max", "joint speed", joint.dof.speed_max, unit, usual, advice_joint)
+            yield make_finding(
+                f"{dof_key(joint)}.speed_max", "joint speed", joint.dof.speed_max, unit, usual, advice_joint
+            )
 
 
 def springs(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Finding]:
@@ -130,10 +134,10 @@ def _spring(joint: Coordinate, key: str, name: str, numbers: tuple[float, float,
     by_degree = ": 1 N m/deg is 57.3 N m/rad, 1 N m/arcmin is 3438" if joint.unit == "rad" else ": 1 N/um is 1e6"
     place, advice = f"{key}.spring.{name}", f"stiffness in {unit}{by_degree}; side of the gear; masses and inertias"
     frequency = math.sqrt(K / inertia) / (2 * math.pi)
-    yield judged(place, "lowest mode of the spring", frequency, "Hz", FREQUENCY, advice)
+    yield make_finding(place, "lowest mode of the spring", frequency, "Hz", FREQUENCY, advice)
     usual = SAG if joint.unit == "rad" else SAG_TRANSLATION
     if deflection > 0.0:
-        yield judged(place, "deflection by gravity at home", deflection, joint.unit, usual, advice)
+        yield make_finding(place, "deflection by gravity at home", deflection, joint.unit, usual, advice)
     ratio = D / (2.0 * math.sqrt(K * inertia))
     advice = f"damping in {unit.replace('/', ' s/')} on the side of the spring, or the stiffness"
     if D == 0.0:
@@ -141,7 +145,7 @@ def _spring(joint: Coordinate, key: str, name: str, numbers: tuple[float, float,
         yield Finding(UNUSUAL, f"{key}.damping", "damping ratio of the spring", text, str(DAMPING), advice)
         return
     name = "damping ratio of the spring" + ", overdamped" * (ratio >= 1.0)
-    yield judged(f"{key}.damping", name, ratio, "", DAMPING, advice)
+    yield make_finding(f"{key}.damping", name, ratio, "", DAMPING, advice)
 
 
 def bodies(robot: RobotModel) -> Iterator[Finding]:
@@ -159,7 +163,7 @@ def bodies(robot: RobotModel) -> Iterator[Finding]:
             yield from _shape(key, body, trace, length)
         if total > body.mass * (1.0 + 1e-9):
             share, advice = body.mass / (total - body.mass), "mass in kg: 1 g is 1e-3"
-            yield judged(f"{key}.mass", "mass to that of all other bodies", share, "", SHARE, advice)
+            yield make_finding(f"{key}.mass", "mass to that of all other bodies", share, "", SHARE, advice)
 
 
 def _shape(key: str, body: Body, trace: float, length: float) -> Iterator[Finding]:
@@ -167,11 +171,11 @@ def _shape(key: str, body: Body, trace: float, length: float) -> Iterator[Findin
     radius = (3.0 * body.mass / (4.0 * math.pi * STEEL)) ** (1.0 / 3.0)
     dense = trace / (1.2 * body.mass * radius**2)  # 3 times 2/5 m r^2
     advice = "mass in kg (1 g is 1e-3), or the inertia in kg m^2"
-    yield judged(f"{key}.mass", "inertia to that of a steel ball of this mass", dense, "", DENSITY, advice)
+    yield make_finding(f"{key}.mass", "inertia to that of a steel ball of this mass", dense, "", DENSITY, advice)
     if length > 0.0:
         size = trace / (2.0 * body.mass * length**2)
         advice = "inertia in kg m^2: 1 g cm^2 is 1e-7, 1 kg mm^2 is 1e-6; or the mass in kg"
-        yield judged(f"{key}.inertia", "inertia to mass times length of the arm squared", size, "", SIZE, advice)
+        yield make_finding(f"{key}.inertia", "inertia to mass times length of the arm squared", size, "", SIZE, advice)
 
 
 def _length(robot: RobotModel) -> float:

@@ -14,7 +14,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.plots import canvas as cv
 
 
-@cv.styled
+@cv.apply_style
 def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
     """Real parts of the zeros over time on logarithmic axes; unstable zeros above, stable zeros below."""
     finite = np.isfinite(path.zeros)
@@ -55,7 +55,7 @@ def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
     return figure
 
 
-@cv.styled
+@cv.apply_style
 def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Figure:
     """Simulated tool error over time on a logarithmic axis, one line per method."""
     found = {solution.method: (solution.trajectory.time, error_sizes(solution)) for solution in solutions}

@@ -58,7 +58,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def styled(function: Callable[P, R]) -> Callable[P, R]:
+def apply_style(function: Callable[P, R]) -> Callable[P, R]:
     """Run a function under the settings of this module."""
 
     @functools.wraps(function)
@@ -72,7 +72,7 @@ def styled(function: Callable[P, R]) -> Callable[P, R]:
 # --- files ------------------------------------------------------------------------------------------------------------
 
 
-@styled
+@apply_style
 def svg(figure: Figure, prefix: str = "") -> str:
     """The figure as the text of an ``<svg>`` element.
 
@@ -91,7 +91,7 @@ def svg(figure: Figure, prefix: str = "") -> str:
     return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{prefix}", text)
 
 
-@styled
+@apply_style
 def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
     """Write a figure to a ``.svg`` or ``.png`` file; equal figures give equal bytes.
 

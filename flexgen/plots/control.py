@@ -17,7 +17,7 @@ from flexgen.plots import canvas as cv
 COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)
 
 
-@cv.styled
+@cv.apply_style
 def plot_control(run: ControlRun) -> Figure:
     """Distance of the output from its reference in time, all robots; below it the motor torques of the model."""
     title = f"{run.model.title}: move {run.solution.move.name} under controller {run.controller}"
@@ -50,7 +50,7 @@ def plot_control(run: ControlRun) -> Figure:
     return figure
 
 
-@cv.styled
+@cv.apply_style
 def plot_loops(run: ControlRun) -> Figure | None:
     """Largest and smallest loop gain over frequency, and the Nyquist plot; None for a controller that is not linear."""
     loops = run.loops()
@@ -82,7 +82,7 @@ def plot_loops(run: ControlRun) -> Figure | None:
     return figure
 
 
-@cv.styled
+@cv.apply_style
 def plot_score(score: Score) -> Figure:
     """The nominal run, measures over those of the reference controller, and the scores of all robots."""
     s = score.scenario
@@ -132,7 +132,7 @@ def _bars(ax: Any, score: Score) -> None:
     ax.legend(loc="lower right")
 
 
-@cv.styled
+@cv.apply_style
 def plot_learned(learned: Learned) -> Figure:
     """Largest error of every iteration, errors in time without correction and in the best one, and the correction."""
     first, best = learned.runs[0], learned.runs[learned.best]

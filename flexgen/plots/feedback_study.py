@@ -12,7 +12,7 @@ LARGEST_M, LOUDEST_NM = 0.03, 1e3  # what is shown
 COLORS = dict(zip(FAMILIES, (cv.GREY, cv.ORANGE, cv.RED, cv.PURPLE, cv.BLUE), strict=True))
 
 
-@cv.styled
+@cv.apply_style
 def plot_feedback_study(study: FeedbackStudy) -> Figure:
     """Worst error of the six robots over torque noise of all tunings, a panel for each setting with measured angles."""
     settings = [s for s in study.settings if not s.exact] or list(study.settings)

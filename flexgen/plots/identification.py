@@ -18,7 +18,7 @@ QUANTILE = 1.96
 MEDIAN, HIGH = np.sqrt(np.log(2.0)), np.sqrt(-np.log(0.05))
 
 
-@cv.styled
+@cv.apply_style
 def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0) -> Figure:
     """Measured responses from each torque to each acceleration with their 95 % bands, and those of the model.
 
@@ -74,7 +74,7 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
     return figure
 
 
-@cv.styled
+@cv.apply_style
 def residual_plot(identified: Identified) -> Figure:
     """Differences between model and measurement over their standard deviations; noise alone gives the lines drawn."""
     data = identified.data
@@ -108,7 +108,7 @@ def residual_plot(identified: Identified) -> Figure:
     return figure
 
 
-@cv.styled
+@cv.apply_style
 def parameter_plot(identified: Identified) -> Figure:
     """Identified values over those of the model file, with two standard deviations where the result has them."""
     unknowns = [u for u in identified.vector.unknowns if u.scale == "log" and u.parameter.value > 0]
@@ -150,7 +150,7 @@ def _draw_parameters(ax: Any, identified: Identified, names: list[str], in_file:
     cv.log_axis(ax.xaxis)
 
 
-@cv.styled
+@cv.apply_style
 def correlation_plot(identified: Identified) -> Figure:
     """Correlations of the identified parameters."""
     names = identified.vector.names

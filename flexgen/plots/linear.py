@@ -44,7 +44,7 @@ def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
     return f" (logarithmic outside ±{cv.power(10.0**first)})"
 
 
-def _counted(ax: Any, roots: np.ndarray, offset: tuple[float, float]) -> None:
+def _label_multiples(ax: Any, roots: np.ndarray, offset: tuple[float, float]) -> None:
     """Write ``x2`` next to coincident roots."""
     left = list(roots)
     while left:
@@ -73,7 +73,7 @@ def falls_under_gravity(analysis: Analysis) -> bool:
     return any(analysis.model.gravity) and bool(slow.any())
 
 
-@cv.styled
+@cv.apply_style
 def pole_zero_map(analysis: Analysis) -> Figure:
     """Poles of the robot and zeros of its output at an equilibrium [1/s].
 
@@ -126,9 +126,9 @@ def _draw_roots(figure: Any, analysis: Analysis) -> None:
                 label="unstable zeros of the output",
                 **style,
             )
-        _counted(ax, zeros[np.abs(zeros) <= FAR], (6, 6))
+        _label_multiples(ax, zeros[np.abs(zeros) <= FAR], (6, 6))
     near = np.abs(sets[0]) <= 1e-9 * np.abs(sets[0]).max()
-    _counted(ax, np.where(near, 0.0, sets[0])[near], (6, -12))
+    _label_multiples(ax, np.where(near, 0.0, sets[0])[near], (6, -12))
     far = int(np.sum(np.abs(roots) > FAR))
     if far:
         note = f"{far} root{'s' if far > 1 else ''} above {cv.power(FAR)} 1/s not drawn"
@@ -143,7 +143,7 @@ def elastic_modes(analysis: Analysis) -> list[tuple[float, float]]:
     return [(f, d) for f, d in analysis.modes if f >= 0.01 * top]
 
 
-@cv.styled
+@cv.apply_style
 def frequency_response(analysis: Analysis) -> Figure:
     """Magnitude from each motor's torque to its own acceleration and to the output's acceleration, in dB.
 
@@ -157,7 +157,7 @@ def frequency_response(analysis: Analysis) -> Figure:
     return figure
 
 
-@cv.styled
+@cv.apply_style
 def plot_analysis(analysis: Analysis) -> Figure:
     """`pole_zero_map` above `frequency_response` in one figure, see `Analysis.plot`."""
     figure = cv.new_figure(cv.WIDTH, 10.6, f"{analysis.model.title}: {phase_summary(analysis)}")

@@ -142,7 +142,7 @@ def _early(ax: Any, equations: Equations, trajectory: Trajectory, T: float) -> N
     ax.legend(loc="upper left", ncols=2 if equations.model.n_m > 3 else 1)
 
 
-@cv.styled
+@cv.apply_style
 def torques(
     equations: Equations,
     trajectory: Trajectory,
@@ -181,7 +181,7 @@ def torques(
     return figure
 
 
-@cv.styled
+@cv.apply_style
 def speeds(
     equations: Equations,
     trajectory: Trajectory,
@@ -219,7 +219,7 @@ def elastic_groups(equations: Equations, trajectory: Trajectory) -> list[tuple[s
     return [group for group in groups if group[3]]
 
 
-@cv.styled
+@cv.apply_style
 def deflections(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
 ) -> Figure:
@@ -284,7 +284,7 @@ def _error_parts(equations: Equations, simulation: Simulation | None) -> list[tu
     return parts
 
 
-@cv.styled
+@cv.apply_style
 def errors(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None, *, end: float | None = None
 ) -> Figure:
@@ -329,7 +329,7 @@ def _outputs(
     axes[0].legend(loc="upper left", bbox_to_anchor=(0.1, 0.97))
 
 
-@cv.styled
+@cv.apply_style
 def robot(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
 ) -> Figure:
@@ -409,7 +409,7 @@ def _before_the_path(ax: Any, equations: Equations, trajectory: Trajectory) -> N
     ax.set(xlabel="time, ms", ylabel="change, N m", title="torques before the path starts at t = 0")
 
 
-@cv.styled
+@cv.apply_style
 def overview(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
 ) -> Figure:

@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexgen.recursion.composite_body import Matrix, dot, summed, turned_back
+from flexgen.recursion.composite_body import Matrix, add_matrices, dot, rotate_back
 from flexgen.recursion.dh_chain import Chain, Inertia
 from flexgen.recursion.newton_euler import Turn, Vector3, Wrench, X, Y, Z, cross, plus
 from flexgen.recursion.tape import Scalar, Tape, Value
 
 
-def solved(tape: Tape, M: Matrix, right: Sequence[Scalar]) -> list[Scalar]:
+def solve_symmetric(tape: Tape, M: Matrix, right: Sequence[Scalar]) -> list[Scalar]:
     """``x`` with ``M x = right``: L' D L from the last row on, where the entries of a chain are ready first."""
     n = len(M)
     A = [list(row[: i + 1]) for i, row in enumerate(M)]
@@ -53,26 +53,28 @@ class Articulated:
             tensor[i][i] = S[i - 1][i - 1] + S[i - 2][i - 2]
         own = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
         return Articulated(
-            summed(self.J, tensor), summed(self.H, own), summed(self.M, [[m, 0.0, 0.0], [0.0, m, 0.0], [0.0, 0.0, m]])
+            add_matrices(self.J, tensor),
+            add_matrices(self.H, own),
+            add_matrices(self.M, [[m, 0.0, 0.0], [0.0, m, 0.0], [0.0, 0.0, m]]),
         )
 
     def turned(self, turn: Turn) -> Articulated:
         """The same in the frame before a joint, where the linear axes did not turn with the joint."""
-        J = turned_back(turn, self.J)
-        return Articulated(J, _transposed([turn.back(column) for column in _transposed(self.H)]), self.M)
+        J = rotate_back(turn, self.J)
+        return Articulated(J, _transpose([turn.back(column) for column in _transpose(self.H)]), self.M)
 
     def linear_turned(self, turn: Turn) -> Articulated:
         """The same with the axes of accelerations and forces turned back as well."""
-        return Articulated(self.J, [turn.back(row) for row in self.H], turned_back(turn, self.M))
+        return Articulated(self.J, [turn.back(row) for row in self.H], rotate_back(turn, self.M))
 
     def shifted(self, p: Sequence[Scalar]) -> Articulated:
         """The same, seen from where its origin is at p."""
         if not any(isinstance(x, Value) or x for x in p):
             return self
         pM = _across(p, self.M)
-        H = summed(self.H, pM)
+        H = add_matrices(self.H, pM)
         # J + p^ H' + (p^ H')' + p^ M p^' , H' transposed; the middle of old and new H halves the last term
-        B, C = _across(p, _transposed(H)), _across(p, _transposed(self.H))
+        B, C = _across(p, _transpose(H)), _across(p, _transpose(self.H))
         inertia: Matrix = [[0.0] * 3 for _ in range(3)]
         for i in (X, Y, Z):
             for j in range(i + 1):
@@ -84,13 +86,13 @@ def _zero() -> Matrix:
     return [[0.0] * 3 for _ in range(3)]
 
 
-def _transposed(A: Matrix) -> Matrix:
+def _transpose(A: Matrix) -> Matrix:
     return [list(column) for column in zip(*A, strict=True)]
 
 
 def _across(p: Sequence[Scalar], A: Matrix) -> Matrix:
     """``p^ A``."""
-    return _transposed([cross(p, column) for column in _transposed(A)])
+    return _transpose([cross(p, column) for column in _transpose(A)])
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,7 @@ def forward_dynamics(
     list of Scalar
         [rad/s^2, m/s^2].
     """
-    joined = _joined(chain, armature)
+    joined = _find_joints_on_one_point(chain, armature)
     yields = _to_the_base(tape, chain, q, loads, turns, tau, armature, joined)
     return _to_the_tool(chain, q, turns, yields, joined)
 
@@ -214,7 +216,7 @@ def _to_the_base(
             for passed in run:
                 body, force = body.linear_turned(passed), passed.back(force)
             run = []
-            body, force = Articulated(*(turned_back(turn, A) for A in (body.J, body.H, body.M))), turn.back(force)
+            body, force = Articulated(*(rotate_back(turn, A) for A in (body.J, body.H, body.M))), turn.back(force)
             body, moment = body.shifted(joint.place.tolist()), plus(moment, cross(joint.place.tolist(), force))
     return yields
 
@@ -244,7 +246,7 @@ def _to_the_tool(
     return dv
 
 
-def _joined(chain: Chain, armature: Sequence[float]) -> list[bool]:
+def _find_joints_on_one_point(chain: Chain, armature: Sequence[float]) -> list[bool]:
     """For each joint whether it belongs to the one before: three on one point, the first two without a body."""
     n = len(chain.joints)
     out = [False] * n

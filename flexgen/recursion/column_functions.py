@@ -12,14 +12,14 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from flexgen.expressions.evaluation import evaluated
+from flexgen.expressions.evaluation import evaluate_routine
 from flexgen.expressions.routine import Columns, Expressions, Products, Routine, Step, Sums
 from flexgen.mechanics.dynamics import symbols_of
 from flexgen.mechanics.equations import Equations
 from flexgen.recursion import columns
 from flexgen.recursion.arm import arm_of
 from flexgen.recursion.derivatives import derivatives
-from flexgen.recursion.dh_chain import Chain, Kept, laid, regrouped
+from flexgen.recursion.dh_chain import Chain, KeptInertia, make_chain, regroup
 from flexgen.recursion.functions import AGREEMENT, TRIALS, beside_the_arm, fast_function, operations_of
 from flexgen.recursion.regrouping import plans
 from flexgen.recursion.tape import Tape
@@ -53,10 +53,12 @@ def long_chain(equations: Equations) -> Chain | None:
 @lru_cache(maxsize=4)
 def _chain_of(equations: Equations) -> Chain | None:
     """The chain with the fewest operations: masses stay with the bodies, or go to those before as far as they can."""
-    n, own = equations.model.n_a, laid(equations.model)
+    n, own = equations.model.n_a, make_chain(equations.model)
     if not columns.bodies_of(own):
         return None
-    chain = min((regrouped(own, [kept] * n) for kept in (Kept(), Kept("all", True, True))), key=_derivatives_cost)
+    chain = min(
+        (regroup(own, [kept] * n) for kept in (KeptInertia(), KeptInertia("all", True, True))), key=_derivatives_cost
+    )
     if not columns.bodies_of(chain) or _derivatives_cost(chain) > SHORTER * _direct_cost(equations):
         return None
     return chain if _agrees(equations, chain) else None
@@ -111,8 +113,11 @@ def _agrees(equations: Equations, chain: Chain) -> bool:
     rng = np.random.default_rng(0)
     for _ in range(TRIALS):
         state, way = rng.uniform(-1.0, 1.0, (2, 3, n))
-        found = evaluated(program, dict(zip(("q_a", "v_a", "a_a"), state, strict=True)))
-        bias, tau = evaluated(at_rest, {"q_a": state[0], "v_a": state[1]})["bias"], f(*state[:2], np.zeros(n)).full()
+        found = evaluate_routine(program, dict(zip(("q_a", "v_a", "a_a"), state, strict=True)))
+        bias, tau = (
+            evaluate_routine(at_rest, {"q_a": state[0], "v_a": state[1]})["bias"],
+            f(*state[:2], np.zeros(n)).full(),
+        )
         if not np.max(np.abs(bias.ravel() - tau.ravel())) <= AGREEMENT * np.max(np.abs(tau)):
             return False
         terms = [found[name] @ x for name, x in zip("QVM", way, strict=True)]

@@ -28,7 +28,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.expressions.routine import Columns, Expressions, Products, Rows, Selected, Step, Sums
-from flexgen.recursion.composite_body import combined
+from flexgen.recursion.composite_body import combine_axes
 from flexgen.recursion.dh_chain import ROUNDING, Chain
 from flexgen.recursion.newton_euler import turn_of
 from flexgen.recursion.tape import Scalar, Tape
@@ -81,13 +81,13 @@ def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
     ways: list[list[Scalar]] = []
     for joint, q in zip(chain.joints, tape.vector(inputs["q_a"]), strict=True):
         cosine, sine = joint.twist
-        axes = [axes[0], combined(axes, [0.0, cosine, sine]), combined(axes, [0.0, -sine, cosine])]
+        axes = [axes[0], combine_axes(axes, [0.0, cosine, sine]), combine_axes(axes, [0.0, -sine, cosine])]
         place = _about_x(joint.twist).T @ joint.place
         way: list[Scalar] = [x if abs(x) > ROUNDING * np.abs(place).max() else 0.0 for x in place.tolist()]
-        ways.append(combined(axes, way if joint.revolute else [way[0], way[1], way[2] + q]))
+        ways.append(combine_axes(axes, way if joint.revolute else [way[0], way[1], way[2] + q]))
         turn = turn_of(tape, joint, q)
         c, s = turn.cosine, turn.sine
-        axes = [combined(axes, [c, s, 0.0]), combined(axes, [-s, c, 0.0]), axes[2]]
+        axes = [combine_axes(axes, [c, s, 0.0]), combine_axes(axes, [-s, c, 0.0]), axes[2]]
         turned.append(axes)
     # positions relative to the last joint: small inertias are near the end of an arm, and would lose digits elsewhere
     places: list[list[Scalar]] = [[0.0] * 3]
@@ -114,7 +114,7 @@ def _axes(chain: Chain, moving: bool) -> list[Step]:
     n = len(chain.joints)
     frame = ca.SX.sym("frame", 12) if len(bodies_of(chain)) == n else ca.SX.sym("joint", 6)
     direction, place = frame[-6:-3], frame[-3:]
-    turning, symbols, tables = _given("turning", np.array([[float(joint.revolute) for joint in chain.joints]]))
+    turning, symbols, tables = _number_rows("turning", np.array([[float(joint.revolute) for joint in chain.joints]]))
     axis = ca.vertcat(turning * direction, turning * ca.cross(place, direction) + (1 - turning) * direction)
     inputs, results = {"frame" if frame.numel() == 12 else "joint": frame} | symbols, {"axis": axis}
     if not moving:
@@ -129,7 +129,7 @@ def _masses(chain: Chain, target: str) -> list[Step]:
     n, at = len(chain.joints), bodies_of(chain)
     own = [chain.joints[k].inertia for k in at]
     numbers = np.array([[x.mass, *x.first, *(x.second[i, j] for i, j in _HALF)] for x in own], dtype=float).T
-    inertia, symbols, tables = _given("inertia", numbers)
+    inertia, symbols, tables = _number_rows("inertia", numbers)
     frame = ca.SX.sym("frame", 12)
     R, p = ca.reshape(frame[:9], 3, 3), frame[9:]
     first, turned = ca.mtimes(R, inertia[1:4]), ca.mtimes(R, _symmetric(inertia[4:]))
@@ -159,10 +159,10 @@ def _motion(chain: Chain) -> list[Step]:
     (w, v), (h, H) = _halves(speed), (own[:3], _symmetric(own[3:]))
     K = ca.mtimes(v, h.T) + ca.horzcat(*(ca.cross(w, H[:, j]) for j in range(3)))
     moments = {"own_motion": ca.vertcat(mass * v + ca.cross(w, h), ca.reshape(K, 9, 1))}
-    rates = _function("rates", {"axis": axis, "speed": speed}, {"rate": _moved(speed, axis)})
+    rates = _function("rates", {"axis": axis, "speed": speed}, {"rate": _rate_of_axis(speed, axis)})
     return [
         Columns(rates, n),
-        *_selected(chain, "speed"),
+        *_array_step(chain, "speed"),
         Columns(_function("motion", {"own_mass": own, name: speed} | symbols, moments), len(at), masses),
         Sums("own_motion", "motion", 12, n, at, backward=True),
     ]
@@ -186,7 +186,7 @@ def _forces(chain: Chain, at_rest: bool) -> list[Step]:
     return [
         Columns(_function("gains", inputs, gained), n),
         Sums("gained", "acceleration", 6, n, tuple(range(n)), start=start),
-        *_selected(chain, "acceleration"),
+        *_array_step(chain, "acceleration"),
         Columns(_function("forces", forces, {"own_force": ca.vertcat(n_own, f)}), len(at), masses),
         Sums("own_force", "force", 6, n, at, backward=True),
     ]
@@ -206,7 +206,7 @@ def _changes(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
         moment = _less(K, 2 * s) + _less(H, m) + ca.cross(h, d)
         return ca.vertcat(moment, ca.cross(2 * s, k) + ca.cross(m, h) + mass * d)
 
-    twice = _moved(acceleration, axis) + _moved(speed, rate)
+    twice = _rate_of_axis(acceleration, axis) + _rate_of_axis(speed, rate)
     change_q, change_v = (rate[:3], *_halves(twice)), (z, *_halves(2 * rate))
     turned = ca.vertcat(ca.cross(z, n_all) + ca.cross(b, f), ca.cross(z, f))
     results = {
@@ -235,17 +235,17 @@ def _of_bodies(chain: Chain, name: str) -> str:
     return name if len(bodies_of(chain)) == len(chain.joints) else f"{name}_of_bodies"
 
 
-def _selected(chain: Chain, name: str) -> list[Step]:
+def _array_step(chain: Chain, name: str) -> list[Step]:
     """The step that fills this array."""
     target = _of_bodies(chain, name)
     return [] if target == name else [Selected(name, target, 6, bodies_of(chain))]
 
 
 def _mass(chain: Chain, beyond: bool) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
-    """Masses of bodies, or of all bodies behind each joint, see `_given`."""
+    """Masses of bodies, or of all bodies behind each joint, see `_number_rows`."""
     own = [joint.inertia.mass for joint in chain.joints]
     masses = [sum(own[k:]) for k in range(len(own))] if beyond else [own[k] for k in bodies_of(chain)]
-    return _given("masses", np.array([masses], dtype=float))
+    return _number_rows("masses", np.array([masses], dtype=float))
 
 
 def _halves(x: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -253,7 +253,7 @@ def _halves(x: ca.SX) -> tuple[ca.SX, ca.SX]:
     return x[:3], x[3:]
 
 
-def _moved(speed: ca.SX, axis: ca.SX) -> ca.SX:
+def _rate_of_axis(speed: ca.SX, axis: ca.SX) -> ca.SX:
     """Rate of a spatial axis that moves with a spatial velocity: ``(w x z, w x b + v x z)``."""
     return ca.vertcat(ca.cross(speed[:3], axis[:3]), ca.cross(speed[:3], axis[3:]) + ca.cross(speed[3:], axis[:3]))
 
@@ -275,7 +275,7 @@ def _symmetric(entries: ca.SX | Sequence[ca.SX]) -> ca.SX:
     return A
 
 
-def _given(name: str, numbers: np.ndarray) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
+def _number_rows(name: str, numbers: np.ndarray) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
     """Rows of numbers for all columns: entries for one, the symbols of those that differ, and their table."""
     differ = [i for i, row in enumerate(numbers) if row.min() != row.max()]
     symbol = ca.SX.sym(name, len(differ))

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexgen.recursion.dh_chain import Chain, Inertia
-from flexgen.recursion.newton_euler import Turn, Vector3, Wrench, X, Y, Z, cross, plus, turn_by, turn_of, untwisted
+from flexgen.recursion.newton_euler import Turn, Vector3, Wrench, X, Y, Z, apply_twist, cross, plus, turn_by, turn_of
 from flexgen.recursion.tape import Scalar, Tape, Value
 
 Matrix = list[list[Scalar]]
@@ -47,7 +47,7 @@ class Composite:
 EMPTY = Composite(0.0, [0.0] * 3, [[0.0] * 3 for _ in range(3)])
 
 
-def turned(A: Matrix, i: int, j: int, c: Scalar, s: Scalar) -> Matrix:
+def rotate_in_plane(A: Matrix, i: int, j: int, c: Scalar, s: Scalar) -> Matrix:
     """A matrix turned in the plane of two axes by the angle with cosine c and sine s: ``R A R'``."""
     k = 3 - i - j
     out = [row[:] for row in A]
@@ -65,7 +65,7 @@ def turned(A: Matrix, i: int, j: int, c: Scalar, s: Scalar) -> Matrix:
     return out
 
 
-def summed(A: Matrix, B: Matrix) -> Matrix:
+def add_matrices(A: Matrix, B: Matrix) -> Matrix:
     """``A + B``."""
     return [plus(a, b) for a, b in zip(A, B, strict=True)]
 
@@ -75,14 +75,14 @@ def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def combined(axes: Matrix, v: Sequence[Scalar]) -> Vector3:
+def combine_axes(axes: Matrix, v: Sequence[Scalar]) -> Vector3:
     """``sum_k v_k axes_k``."""
     return [axes[0][i] * v[0] + axes[1][i] * v[1] + axes[2][i] * v[2] for i in (X, Y, Z)]
 
 
-def turned_back(turn: Turn, A: Matrix) -> Matrix:
+def rotate_back(turn: Turn, A: Matrix) -> Matrix:
     """A matrix of the frame of a joint in the axes of the frame before."""
-    return turned(turned(A, X, Y, turn.cosine, turn.sine), Y, Z, *turn.twist)
+    return rotate_in_plane(rotate_in_plane(A, X, Y, turn.cosine, turn.sine), Y, Z, *turn.twist)
 
 
 def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = True) -> Matrix:
@@ -122,7 +122,7 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
             M[j][j] = body.mass
             force, moment = [0.0, 0.0, body.mass], [h[Y], -h[X], 0.0]
         for i in reversed(range(j)):
-            force, moment = steps[i].arrived(*steps[i + 1].left(force, moment))
+            force, moment = steps[i].wrench_in_shared_axes(*steps[i + 1].left(force, moment))
             M[i][j] = M[j][i] = moment[Z] if chain.joints[i].revolute else force[Z]
         body = steps[j].body_left(body)
     return M
@@ -147,28 +147,28 @@ class _Step:
         """The joint's body and all behind it in shared axes; ``beyond`` is in the joint's axes if it is the last."""
         if self.last:
             whole = beyond + own
-            return Composite(whole.mass, self._back(whole.first), turned(whole.second, X, Y, *self.turn))
-        second = turned(own.second.tolist(), X, Y, *self.turn)
+            return Composite(whole.mass, self._back(whole.first), rotate_in_plane(whole.second, X, Y, *self.turn))
+        second = rotate_in_plane(own.second.tolist(), X, Y, *self.turn)
         first = plus(beyond.first, self._back(own.first.tolist()))
-        return Composite(beyond.mass + own.mass, first, summed(beyond.second, second))
+        return Composite(beyond.mass + own.mass, first, add_matrices(beyond.second, second))
 
     def body_left(self, body: Composite) -> Composite:
         """A body in the axes of the joint before: shared ones, or its own."""
         if self.twist is None:
             return body.shifted(plus(self.way, [0.0, 0.0, self.slide]))
         body = body.shifted([0.0, 0.0, self.slide])
-        first = untwisted(self.twist, body.first)
-        return Composite(body.mass, first, turned(body.second, Y, Z, *self.twist)).shifted(self.way)
+        first = apply_twist(self.twist, body.first)
+        return Composite(body.mass, first, rotate_in_plane(body.second, Y, Z, *self.twist)).shifted(self.way)
 
     def left(self, force: Vector3, moment: Vector3) -> Wrench:
         """A wrench in the axes of the joint before, about its origin."""
         if self.twist is None:
             return force, plus(moment, cross(plus(self.way, [0.0, 0.0, self.slide]), force))
         moment = plus(moment, cross([0.0, 0.0, self.slide], force))
-        force = untwisted(self.twist, force)
-        return force, plus(untwisted(self.twist, moment), cross(self.way, force))
+        force = apply_twist(self.twist, force)
+        return force, plus(apply_twist(self.twist, moment), cross(self.way, force))
 
-    def arrived(self, force: Vector3, moment: Vector3) -> Wrench:
+    def wrench_in_shared_axes(self, force: Vector3, moment: Vector3) -> Wrench:
         """A wrench of a later joint, in the shared axes."""
         return (self._back(force), self._back(moment)) if self.last else (force, moment)
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexgen.recursion.composite_body import EMPTY, Composite, Matrix, dot, turned_back
+from flexgen.recursion.composite_body import EMPTY, Composite, Matrix, dot, rotate_back
 from flexgen.recursion.dh_chain import Chain
 from flexgen.recursion.newton_euler import (
     Motion,
@@ -33,11 +33,11 @@ from flexgen.recursion.newton_euler import (
     Y,
     Z,
     cross,
-    gathered,
     loads,
     motions,
-    passed,
+    move_wrench_before,
     plus,
+    project_wrenches,
     turn_of,
 )
 from flexgen.recursion.tape import Scalar, Tape
@@ -103,13 +103,13 @@ def derivatives(
     n = len(chain.joints)
     turns = [turn_of(tape, joint, x) for joint, x in zip(chain.joints, q, strict=True)]
     moving = motions(tape, chain, turns, q, v, dv, columns)
-    sums = gathered(chain, q, turns, loads(chain, moving))[1]
+    sums = project_wrenches(chain, q, turns, loads(chain, moving))[1]
     changes = [_changes(motion, joint.revolute) for motion, joint in zip(moving, chain.joints, strict=True)]
     by_q, by_v, by_dv = (_zeros(n) for _ in range(3))
     beyond = _Beyond(EMPTY, [0.0] * 3, [[0.0] * 3 for _ in range(3)])
     for j in reversed(range(n)):
         joint, w, (force, moment) = chain.joints[j], moving[j].w, sums[j]
-        beyond = _carried(beyond, w, joint.inertia.first.tolist(), joint.inertia.second.tolist())
+        beyond = _add_momentum(beyond, w, joint.inertia.first.tolist(), joint.inertia.second.tolist())
         beyond = _Beyond(beyond.body + joint.inertia, beyond.momentum, beyond.moment)
         feels = _feeling(beyond, joint.revolute)
         of_q, of_v = (beyond.wrench(change) for change in changes[j])
@@ -122,11 +122,11 @@ def derivatives(
             of_q = of_q[0], plus(of_q[1], cross(AXIS, force))
         for i in reversed(range(j)):
             here, turn, x, speed = chain.joints[i + 1], turns[i + 1], q[i + 1], v[i + 1]
-            of_q, of_v = passed(here, turn, x, *of_q), passed(here, turn, x, *of_v)
+            of_q, of_v = move_wrench_before(here, turn, x, *of_q), move_wrench_before(here, turn, x, *of_v)
             sweep = feels.sweep
             if not here.revolute:
                 sweep = plus(sweep, cross(_slide(moving[i + 1], x, speed), feels.shift))
-            shift, turn_felt = passed(here, turn, x, feels.shift, feels.turn)
+            shift, turn_felt = move_wrench_before(here, turn, x, feels.shift, feels.turn)
             sweep = plus(turn.back(sweep), cross([2.0 * y for y in cross(moving[i].w, here.place.tolist())], shift))
             feels = _Change(sweep, turn_felt, shift)
             felt = 1 if chain.joints[i].revolute else 0
@@ -158,7 +158,7 @@ def _feeling(beyond: _Beyond, revolute: bool) -> _Change:
     return _Change(sweep, [-S[Z][X], -S[Z][Y], S[X][X] + S[Y][Y]], [-s[Y], s[X], 0.0])
 
 
-def _carried(beyond: _Beyond, w: Vector3, s: list[float], S: list[list[float]]) -> _Beyond:
+def _add_momentum(beyond: _Beyond, w: Vector3, s: list[float], S: list[list[float]]) -> _Beyond:
     """The moments with the momentum of the joint's body: velocities are ``w x r``."""
     momentum = plus(beyond.momentum, cross(w, s))
     own = [cross(w, [S[0][k], S[1][k], S[2][k]]) for k in (X, Y, Z)]
@@ -186,14 +186,14 @@ def _seen_before(
     if not joint.revolute:
         out: Vector3 = [0.0, 0.0, q[j]]
         velocity = plus(cross(moving[j].w, out), [0.0, 0.0, v[j]])
-        body, momentum, moment = _displaced(body, momentum, moment, out, velocity)
-    body = Composite(body.mass, turn.back(body.first), turned_back(turn, body.second))
+        body, momentum, moment = _move_moments(body, momentum, moment, out, velocity)
+    body = Composite(body.mass, turn.back(body.first), rotate_back(turn, body.second))
     place = joint.place.tolist()
-    moved = _displaced(body, turn.back(momentum), turned_back(turn, moment), place, cross(moving[j - 1].w, place))
+    moved = _move_moments(body, turn.back(momentum), rotate_back(turn, moment), place, cross(moving[j - 1].w, place))
     return _Beyond(*moved)
 
 
-def _displaced(
+def _move_moments(
     body: Composite, momentum: Vector3, moment: Matrix, p: Vector3, u: Vector3
 ) -> tuple[Composite, Vector3, Matrix]:
     """Moments about a point relative to which the origin is at p and moves with the velocity u."""

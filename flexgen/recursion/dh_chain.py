@@ -186,29 +186,29 @@ def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose]:
 
 def _about_z(angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
-    return snapped(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+    return snap(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def _about_x(cosine: float, sine: float) -> np.ndarray:
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
 
-def snapped(x: np.ndarray, scale: float = 1.0, tolerance: float = ROUNDING) -> np.ndarray:
+def snap(x: np.ndarray, scale: float = 1.0, tolerance: float = ROUNDING) -> np.ndarray:
     """An array with entries below ``tolerance * scale`` set to zero, and entries that near to ``scale`` set to it."""
     out = np.where(np.abs(x) <= tolerance * scale, 0.0, x)
     return np.where(np.abs(np.abs(out) - scale) <= tolerance * scale, np.sign(out) * scale, out)
 
 
-def _split(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:
+def _split_rotation(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:
     """``(g, (cos t, sin t), h)`` with ``rotation = Rz(g) Rx(t) Rz(h)``; g is zero where the z axes are parallel."""
-    rotation = snapped(rotation)
+    rotation = snap(rotation)
     sine = float(np.hypot(rotation[0, 2], rotation[1, 2]))
     if sine <= ROUNDING:
         cosine = float(np.sign(rotation[2, 2]))
         return 0.0, (cosine, 0.0), float(np.arctan2(rotation[1, 0] * cosine, rotation[0, 0]))
     g = float(np.arctan2(rotation[0, 2], -rotation[1, 2]))
     length = float(np.hypot(sine, rotation[2, 2]))
-    twist = float(snapped(np.array(rotation[2, 2] / length))), float(snapped(np.array(sine / length)))
+    twist = float(snap(np.array(rotation[2, 2] / length))), float(snap(np.array(sine / length)))
     # from the remaining rotation, not from the entries of the size of the sine: they have few digits where it is small
     left = _about_z(g).T @ rotation
     return g, twist, float(np.arctan2(-left[0, 1], left[0, 0]))
@@ -241,8 +241,8 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
     """
     rotation, position = pose
     size = max(float(np.abs(position).max()), 1e-9)
-    position = snapped(position, size)
-    g, twist, h = _split(rotation)
+    position = snap(position, size)
+    g, twist, h = _split_rotation(rotation)
     if not before_turns:
         return (_about_z(g), position), np.zeros(3), twist, h
     if twist[1] == 0.0 and position[0] and position[1]:
@@ -250,11 +250,11 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
         g = float(np.arctan2(position[1], position[0]))
         h = h - g * twist[0]
     turn = _about_z(g)
-    local = snapped(turn.T @ position, size)
+    local = snap(turn.T @ position, size)
     # axes that are nearly parallel meet far away: there the frames stay where they are
     meeting = abs(twist[1]) > NEARLY_PARALLEL
     along = float(local[2] + (local[1] * twist[0] / twist[1] if meeting else 0.0))
-    return (turn, np.array([0.0, 0.0, along])), snapped(local - np.array([0.0, 0.0, along]), size), twist, h
+    return (turn, np.array([0.0, 0.0, along])), snap(local - np.array([0.0, 0.0, along]), size), twist, h
 
 
 def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, to_mass: bool) -> Chain:
@@ -288,7 +288,7 @@ def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, to_mass: bool) -> Ch
 def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndarray, float]:
     """The frame under the first joint, gravity in it with at most two components, and the remaining angle."""
     size = float(np.linalg.norm(gravity)) or 1.0
-    down = snapped(pose[0].T @ gravity, size)
+    down = snap(pose[0].T @ gravity, size)
     if not (turns and down[0] and down[1]):
         return pose, down, 0.0
     angle = float(np.arctan2(down[1], down[0]))
@@ -296,7 +296,7 @@ def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndar
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptInertia:
     """The part of a joint's inertia that is not regrouped to the body before, although it could be.
 
     ``mass``: "none", "all", or "balance": so much that the body before is balanced along the line to this joint.
@@ -308,7 +308,7 @@ class Kept:
     second: bool = False
 
 
-def regrouped(chain: Chain, kept: Sequence[Kept]) -> Chain:
+def regroup(chain: Chain, kept: Sequence[KeptInertia]) -> Chain:
     """Move the inertia that a joint does not move relative to the body before to that body.
 
     Of a rotation: the mass on its axis (order zero, and one and two along z); of a translation: the second moments,
@@ -343,8 +343,8 @@ def _balance(together: Inertia, place: np.ndarray) -> float:
     return float(together.first[k] / place[k]) if place[k] else 0.0
 
 
-def laid(model: RobotModel, to_mass: bool = True) -> Chain:
-    """The `Chain` of a model without beams, each body with its own mass: see `regrouped`.
+def make_chain(model: RobotModel, to_mass: bool = True) -> Chain:
+    """The `Chain` of a model without beams, each body with its own mass: see `regroup`.
 
     ``to_mass``: the x axis of the last frame points to its center of mass, which costs an addition to the angle and
     saves more wherever forces are computed.

@@ -17,7 +17,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.system import Built
 from flexgen.recursion import articulated_body, composite_body, inversion_functions, kinematics, newton_euler
 from flexgen.recursion.arm import Arm, Columns, arm_of, matrix_of, shortest_mass_matrix, vectors
-from flexgen.recursion.dh_chain import Chain, laid
+from flexgen.recursion.dh_chain import Chain, make_chain
 from flexgen.recursion.tape import Scalar, Tape
 
 _WHOLE = ("forward_dynamics", "forward_dynamics_tool_force", "residual_jacobians")  # with the motors
@@ -189,7 +189,7 @@ def _accelerations(arm: Arm, force: ca.SX, armature: np.ndarray) -> ca.SX:
         h = newton_euler.inverse_dynamics(tape, chain, q, v, still, columns)
         M = shortest_mass_matrix(tape, chain, q)
         M = [[x + y for x, y in zip(row, more, strict=True)] for row, more in zip(M, armature.tolist(), strict=True)]
-        return articulated_body.solved(tape, M, [x - y for x, y in zip(tau, h, strict=True)])
+        return articulated_body.solve_symmetric(tape, M, [x - y for x, y in zip(tau, h, strict=True)])
 
     def by_articulated_bodies(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q, v, tau = vectors(tape, q_a, v_a, force)
@@ -275,14 +275,14 @@ def _residual_jacobians(arm: Arm) -> Built:
 
 def _forward_kinematics(arm: Arm) -> Built:
     inputs, tape = arm.symbols("q_a"), Tape()
-    p, R = kinematics.tool_pose(tape, laid(arm.model, to_mass=False), tape.vector(inputs[0]))
+    p, R = kinematics.tool_pose(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
     flat = tape.build([*p, *(x for row in R for x in row)])
     return inputs, ["q_a"], [ca.vertcat(*flat[:3]), matrix_of(flat[3:], 3)], ["p", "R"]
 
 
 def _jacobian(arm: Arm) -> Built:
     inputs, tape = arm.symbols("q_a"), Tape()
-    J = kinematics.jacobian(tape, laid(arm.model, to_mass=False), tape.vector(inputs[0]))
+    J = kinematics.jacobian(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
     return inputs, ["q_a"], [matrix_of(tape.build([x for row in J for x in row]), arm.model.n_a)], ["J"]
 
 
@@ -290,7 +290,7 @@ def _tool_motion(arm: Arm) -> Built:
     names, tape = ["q_a", "v_a", "a_a"], Tape()
     inputs = arm.symbols(*names)
     q, v, a = vectors(tape, *inputs)
-    moving = kinematics.rates(tape, laid(arm.model, to_mass=False), q, v, a)
+    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), q, v, a)
     still: Scalar = 0.0
     v_tool, a_tool = [still] * 6, list(moving.bias)
     for (J, _, _), speed in zip(moving.columns, v, strict=True):

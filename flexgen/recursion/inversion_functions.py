@@ -19,7 +19,7 @@ from flexgen.mechanics.outputs import pose_error
 from flexgen.mechanics.system import Built
 from flexgen.recursion import derivatives, kinematics, newton_euler
 from flexgen.recursion.arm import Arm, Columns, matrix_of
-from flexgen.recursion.dh_chain import Chain, laid
+from flexgen.recursion.dh_chain import Chain, make_chain
 from flexgen.recursion.newton_euler import Vector3, cross
 from flexgen.recursion.tape import Scalar, Tape
 
@@ -29,12 +29,12 @@ def _output_constraint(arm: Arm) -> Built:
     if output.type == "combination":
         return definition.output_constraint(equations)
     q_a, v_a = arm.symbols("q_a", "v_a")
-    tape, chain = Tape(), laid(arm.model, to_mass=False)
+    tape, chain = Tape(), make_chain(arm.model, to_mass=False)
     q, v = tape.vector(q_a), tape.vector(v_a)
     still: list[Scalar] = [0.0] * arm.model.n_a
     p, R = kinematics.tool_pose(tape, chain, q)
     moving = kinematics.rates(tape, chain, q, v, still)
-    kept = _kept(arm)
+    kept = _rate_rows(arm)
     chosen = [
         [kinematics.jacobian(tape, chain, q)[i] for i in kept],
         [[J[i] for J, _, _ in moving.columns] for i in kept],
@@ -49,7 +49,7 @@ def _output_constraint(arm: Arm) -> Built:
     return constraint_ports(equations, target, error, matrix_of(flat[n_y:], n_a), ca.vertcat(*flat[:n_y]))
 
 
-def _kept(arm: Arm) -> list[int]:
+def _rate_rows(arm: Arm) -> list[int]:
     """Rows of the tool's twist that are rates of the output."""
     output = arm.model.output
     return list(range(6)) if output.type == "tool_pose" else ["xyz".index(axis) for axis in output.axes]
@@ -75,7 +75,7 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
         return [ca.SX.zeros(arm.model.output.size, arm.model.n_a) for _ in range(3)]
     tape = Tape()
     q, v, a = (tape.vector(x) for x in arm.symbols("q_a", "v_a", "a_a"))
-    moving = kinematics.rates(tape, laid(arm.model, to_mass=False), q, v, a)
+    moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), q, v, a)
     still: Vector3 = [0.0] * 3
     found: list[list[list[Scalar]]] = [[], [], []]  # columns
     for J, first, second in moving.columns:
@@ -84,7 +84,7 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
         found[0].append([x - y for x, y in zip(first, turned, strict=True)])
         found[1].append([x - y for x, y in zip(second, again, strict=True)])
         found[2].append([2.0 * x - y for x, y in zip(first, turned, strict=True)])
-    kept, n = _kept(arm), arm.model.n_a
+    kept, n = _rate_rows(arm), arm.model.n_a
     flat = tape.build([column[i] for columns in found for i in kept for column in columns])
     size = len(kept) * n
     return [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from flexgen.recursion.composite_body import Matrix, combined
+from flexgen.recursion.composite_body import Matrix, combine_axes
 from flexgen.recursion.dh_chain import Chain
 from flexgen.recursion.newton_euler import Vector3, X, Y, Z, cross, plus, turn_by
 from flexgen.recursion.tape import Scalar, Tape
@@ -35,15 +35,15 @@ class _Group:
     def turned(self) -> Matrix:
         """The axes after all of its members."""
         c, s = self.turn
-        return [combined(self.axes, [c, s, 0.0]), combined(self.axes, [-s, c, 0.0]), self.axes[Z]]
+        return [combine_axes(self.axes, [c, s, 0.0]), combine_axes(self.axes, [-s, c, 0.0]), self.axes[Z]]
 
     @property
     def end(self) -> Vector3:
         """Its end, in the world."""
-        return plus(plus(self.origin, combined(self.axes, self.step)), combined(self.turned, self.place))
+        return plus(plus(self.origin, combine_axes(self.axes, self.step)), combine_axes(self.turned, self.place))
 
 
-def _rolled(turn: tuple[Scalar, Scalar], v: Sequence[Scalar]) -> Vector3:
+def _rotate_about_z(turn: tuple[Scalar, Scalar], v: Sequence[Scalar]) -> Vector3:
     """``Rz v``."""
     c, s = turn
     return [c * v[X] - s * v[Y], s * v[X] + c * v[Y], v[Z]]
@@ -60,12 +60,12 @@ def _groups(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> list[_Group]:
         if joint.twist != (1.0, 0.0):
             group.place = joint.place.tolist()
             axes, (cosine, sine) = group.turned, joint.twist
-            axes = [axes[X], combined(axes, [0.0, cosine, sine]), combined(axes, [0.0, -sine, cosine])]
+            axes = [axes[X], combine_axes(axes, [0.0, cosine, sine]), combine_axes(axes, [0.0, -sine, cosine])]
             group = _Group(group.end, axes)
             groups.append(group)
             angle, quarters = 0.0, 0
         else:
-            group.step = plus(group.step, _rolled(group.turn, joint.place.tolist()))
+            group.step = plus(group.step, _rotate_about_z(group.turn, joint.place.tolist()))
         if joint.revolute:
             angle = angle + (x + joint.turn)
         else:
@@ -96,7 +96,7 @@ def tool_pose(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> tuple[Vector3, M
         Shapes (3,) and (3, 3).
     """
     last = _groups(tape, chain, q)[-1]
-    columns = [combined(last.turned, column) for column in chain.tool[0].T.tolist()]
+    columns = [combine_axes(last.turned, column) for column in chain.tool[0].T.tolist()]
     return last.end, [list(row) for row in zip(*columns, strict=True)]
 
 
@@ -104,12 +104,12 @@ def jacobian(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Matrix:
     """Jacobian of the tool: linear, then angular velocity in the world, by rows; arguments as for `tool_pose`."""
     groups = _groups(tape, chain, q)
     columns: list[list[Scalar]] = []
-    to_tool = plus(groups[-1].step, _rolled(groups[-1].turn, groups[-1].place))
+    to_tool = plus(groups[-1].step, _rotate_about_z(groups[-1].turn, groups[-1].place))
     for k, group in reversed(list(enumerate(groups))):
         for i, at in reversed(group.members):
             if chain.joints[i].revolute:
                 r = [to_tool[X] - at[X], to_tool[Y] - at[Y]]
-                columns.insert(0, [*combined(group.axes, [-r[1], r[0], 0.0]), *group.axes[Z]])
+                columns.insert(0, [*combine_axes(group.axes, [-r[1], r[0], 0.0]), *group.axes[Z]])
             else:
                 columns.insert(0, [*group.axes[Z], 0.0, 0.0, 0.0])
         if k > 0:
@@ -117,7 +117,7 @@ def jacobian(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Matrix:
             x, y, z = to_tool
             twisted_back = [x, cosine * y - sine * z, sine * y + cosine * z]
             last = groups[k - 1]
-            to_tool = plus(last.step, _rolled(last.turn, plus(last.place, twisted_back)))
+            to_tool = plus(last.step, _rotate_about_z(last.turn, plus(last.place, twisted_back)))
     return [list(row) for row in zip(*columns, strict=True)]
 
 
@@ -152,18 +152,18 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
     ways: list[tuple[Vector3, Vector3, Vector3]] = []
     lines: list[tuple[Vector3, Vector3, Vector3]] = []
     for joint, x, speed, acceleration in zip(chain.joints, q, v, a, strict=True):
-        ways.append(_carried(combined(turned, joint.place.tolist()), w, dw))
+        ways.append(_differentiate_rotating(combine_axes(turned, joint.place.tolist()), w, dw))
         if joint.twist != (1.0, 0.0) or not lines:
             cosine, sine = joint.twist
-            axes = [turned[X], combined(turned, [0.0, cosine, sine]), combined(turned, [0.0, -sine, cosine])]
+            axes = [turned[X], combine_axes(turned, [0.0, cosine, sine]), combine_axes(turned, [0.0, -sine, cosine])]
             angle, quarters = 0.0, 0
-        line = _carried(axes[Z], w, dw)
+        line = _differentiate_rotating(axes[Z], w, dw)
         z, z1, z2 = line
         lines.append(line)
         angle = angle + (x + joint.turn if joint.revolute else joint.turn)
         quarters += joint.quarters
         c, s = turn_by(tape, angle, quarters)
-        turned = [combined(axes, [c, s, 0.0]), combined(axes, [-s, c, 0.0]), axes[Z]]
+        turned = [combine_axes(axes, [c, s, 0.0]), combine_axes(axes, [-s, c, 0.0]), axes[Z]]
         if joint.revolute:
             dw = [dw[i] + z[i] * acceleration + z1[i] * speed for i in (X, Y, Z)]
             w = [w[i] + z[i] * speed for i in (X, Y, Z)]
@@ -173,7 +173,7 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
             second = [second[i] + z[i] * acceleration + z1[i] * twice + z2[i] * x for i in (X, Y, Z)]
             first = [first[i] + z[i] * speed + z1[i] * x for i in (X, Y, Z)]
             ways.append(([way[i] + z[i] * x for i in (X, Y, Z)], first, second))
-    ways.append(_carried(combined(turned, chain.tool[1].tolist()), w, dw))
+    ways.append(_differentiate_rotating(combine_axes(turned, chain.tool[1].tolist()), w, dw))
     columns: list[tuple[Vector3, Vector3, Vector3]] = []
     r, r1, r2 = ways[-1]
     for joint, (z, z1, z2), step in zip(reversed(chain.joints), reversed(lines), reversed(ways[:-1]), strict=True):
@@ -188,7 +188,7 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
     return Rates(columns, w, dw, [*r2, *dw])
 
 
-def _carried(s: Vector3, w: Vector3, dw: Vector3) -> tuple[Vector3, Vector3, Vector3]:
+def _differentiate_rotating(s: Vector3, w: Vector3, dw: Vector3) -> tuple[Vector3, Vector3, Vector3]:
     """A vector that rotates with the angular velocity w, and its first two time derivatives."""
     first = cross(w, s)
     return s, first, plus(cross(dw, s), cross(w, first))

@@ -42,25 +42,25 @@ class Turn:
 
     def into(self, v: Vector3) -> Vector3:
         """A vector of the frame before, in the joint's frame."""
-        x, y, z = twisted(self.twist, v)
+        x, y, z = apply_twist_transposed(self.twist, v)
         return [self.cosine * x + self.sine * y, self.cosine * y - self.sine * x, z]
 
     def back(self, v: Vector3) -> Vector3:
         """A vector of the joint's frame, in the frame before."""
         x = self.cosine * v[0] - self.sine * v[1]
         y = self.sine * v[0] + self.cosine * v[1]
-        return untwisted(self.twist, [x, y, v[2]])
+        return apply_twist(self.twist, [x, y, v[2]])
 
 
-def twisted(twist: tuple[float, float], v: Vector3) -> Vector3:
+def apply_twist_transposed(twist: tuple[float, float], v: Vector3) -> Vector3:
     """``Rx(twist)' v``."""
     cosine, sine = twist
     return [v[0], cosine * v[1] + sine * v[2], cosine * v[2] - sine * v[1]]
 
 
-def untwisted(twist: tuple[float, float], v: Vector3) -> Vector3:
+def apply_twist(twist: tuple[float, float], v: Vector3) -> Vector3:
     """``Rx(twist) v``."""
-    return twisted((twist[0], -twist[1]), v)
+    return apply_twist_transposed((twist[0], -twist[1]), v)
 
 
 def turn_of(tape: Tape, joint: Joint, q: Scalar) -> Turn:
@@ -165,7 +165,7 @@ def _sparse(x: Sequence[Scalar]) -> bool:
     return bool(x) and not (_any(x[:1]) and _any(x[1:2]))
 
 
-def moved(
+def move_to_next_frame(
     tape: Tape, motion: Motion, joint: Joint, turn: Turn, x: Scalar, v: Scalar, dv: Scalar, by_column: bool
 ) -> Motion:
     """The motion of the next frame, whose joint has the coordinate x, the speed v and the acceleration dv."""
@@ -177,7 +177,7 @@ def moved(
         root = replace(root, angle=root.angle + turn.angle, quarters=root.quarters + turn.quarters)
         total = Turn(joint.twist, *turn_by(tape, root.angle, root.quarters), root.angle, root.quarters)
     else:
-        w, column, a = (twisted(joint.twist, x) for x in (motion.w, axis, motion.a))
+        w, column, a = (apply_twist_transposed(joint.twist, x) for x in (motion.w, axis, motion.a))
         root = _Root(w, column, a, turn.angle, turn.quarters)
 
     def turned(x: Vector3, first: Vector3) -> Vector3:
@@ -190,7 +190,7 @@ def moved(
         root = replace(root, a=[])
     if by_column:
         column = turned(axis, root.column)
-        spin = twisted(joint.twist, motion.dw)[Z]
+        spin = apply_twist_transposed(joint.twist, motion.dw)[Z]
         if joint.revolute:
             return Motion([w[X], w[Y], w[Z] + v], a, (None, None, spin + dv), (column[X], column[Y]), root)
         known = Motion(w, a, (None, None, spin), (column[X], column[Y]), root)
@@ -259,7 +259,7 @@ def inverse_dynamics(
     """
     turns = [turn_of(tape, joint, x) for joint, x in zip(chain.joints, q, strict=True)]
     carried = loads(chain, motions(tape, chain, turns, q, v, dv, columns))
-    return gathered(chain, q, turns, carried)[0]
+    return project_wrenches(chain, q, turns, carried)[0]
 
 
 def motions(
@@ -275,7 +275,7 @@ def motions(
     out: list[Motion] = []
     motion = Motion([0.0] * 3, (-chain.gravity).tolist(), (0.0, 0.0, 0.0))
     for joint, turn, x, speed, acceleration, by_column in zip(chain.joints, turns, q, v, dv, columns, strict=True):
-        motion = moved(tape, motion, joint, turn, x, speed, acceleration, by_column)
+        motion = move_to_next_frame(tape, motion, joint, turn, x, speed, acceleration, by_column)
         out.append(motion)
     return out
 
@@ -285,7 +285,7 @@ def loads(chain: Chain, moving: Sequence[Motion]) -> list[Wrench]:
     return [wrench(motion, joint.inertia) for motion, joint in zip(moving, chain.joints, strict=True)]
 
 
-def gathered(
+def project_wrenches(
     chain: Chain, q: Sequence[Scalar], turns: Sequence[Turn], carried: Sequence[Wrench]
 ) -> tuple[list[Scalar], list[Wrench]]:
     """Generalized forces that hold given wrenches on the frames of all joints, and the sums of these in each frame."""
@@ -297,11 +297,11 @@ def gathered(
         force, moment = plus(load[0], force), plus(load[1], moment)
         tau.insert(0, moment[Z] if joint.revolute else force[Z])
         sums.insert(0, (force, moment))
-        force, moment = passed(joint, turn, x, force, moment)
+        force, moment = move_wrench_before(joint, turn, x, force, moment)
     return tau, sums
 
 
-def passed(joint: Joint, turn: Turn, x: Scalar, force: Vector3, moment: Vector3) -> Wrench:
+def move_wrench_before(joint: Joint, turn: Turn, x: Scalar, force: Vector3, moment: Vector3) -> Wrench:
     """A wrench on the frame of a joint, as a wrench on the frame before."""
     if not joint.revolute:
         moment = [moment[X] - x * force[Y], moment[Y] + x * force[X], moment[Z]]

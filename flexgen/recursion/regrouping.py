@@ -14,12 +14,12 @@ from functools import lru_cache
 import casadi as ca
 
 from flexgen.model.elements import RobotModel
-from flexgen.recursion.dh_chain import Chain, Kept, laid, regrouped
+from flexgen.recursion.dh_chain import Chain, KeptInertia, make_chain, regroup
 from flexgen.recursion.newton_euler import inverse_dynamics
 from flexgen.recursion.tape import Tape
 
 SEARCHED = 40  # coordinates; longer chains take too long to search
-KEPT_ALL = Kept("all", True, True)
+KEPT_ALL = KeptInertia("all", True, True)
 
 
 @dataclass(frozen=True)
@@ -41,15 +41,15 @@ def operations(plan: Plan) -> int:
 @lru_cache(maxsize=16)
 def plans(model: RobotModel) -> tuple[Plan, ...]:
     """Candidate plans for a model without beams, the one with the shortest inverse dynamics first."""
-    chain = laid(model)
+    chain = make_chain(model)
     n = len(chain.joints)
     # moments of inertia that would move to the empty bodies between joints on one point are not regrouped
     points = [i > 0 and _on_a_point(chain, i) for i in range(n)]
-    groupings = [[Kept()] * n, [KEPT_ALL] * n, [Kept("none", point, point) for point in points]]
+    groupings = [[KeptInertia()] * n, [KEPT_ALL] * n, [KeptInertia("none", point, point) for point in points]]
     starts = [(tuple(kept), tuple([column] * n)) for kept in groupings for column in (True, False)]
 
-    def made(kept: tuple[Kept, ...], columns: tuple[bool, ...]) -> Plan:
-        return Plan(regrouped(chain, kept), columns)
+    def made(kept: tuple[KeptInertia, ...], columns: tuple[bool, ...]) -> Plan:
+        return Plan(regroup(chain, kept), columns)
 
     best = min(starts, key=lambda choice: operations(made(*choice)))
     least = operations(made(*best))
@@ -70,8 +70,8 @@ def _on_a_point(chain: Chain, i: int) -> bool:
 
 
 def _others(
-    kept: tuple[Kept, ...], columns: tuple[bool, ...], i: int
-) -> Iterator[tuple[tuple[Kept, ...], tuple[bool, ...]]]:
+    kept: tuple[KeptInertia, ...], columns: tuple[bool, ...], i: int
+) -> Iterator[tuple[tuple[KeptInertia, ...], tuple[bool, ...]]]:
     """Choices that differ at joint i in one respect."""
     here = kept[i]
     yield kept, (*columns[:i], not columns[i], *columns[i + 1 :])

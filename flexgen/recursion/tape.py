@@ -149,7 +149,7 @@ class Tape:
         """Derivatives of results in one symbol, written on the tape as well."""
         assert isinstance(x, Value) and not x.negative
         rate: dict[int, Scalar] = {x.node: 1.0}
-        for node in self.needed(results):
+        for node in self.find_needed(results):
             kind, a, b = self.operations[node]
             if kind == "symbol":
                 continue
@@ -183,7 +183,7 @@ class Tape:
         def add(node: float, x: Scalar) -> None:
             weight[int(node)] = weight.get(int(node), 0.0) + x
 
-        for node in reversed(self.needed([result])):
+        for node in reversed(self.find_needed([result])):
             kind, a, b = self.operations[node]
             w = weight.get(node, 0.0)
             if kind == "symbol" or not (isinstance(w, Value) or w):
@@ -205,7 +205,7 @@ class Tape:
 
     # --- results---------------------------------------------------------------------------------------
 
-    def needed(self, results: Iterable[Scalar]) -> list[int]:
+    def find_needed(self, results: Iterable[Scalar]) -> list[int]:
         """The operations that results need, operands first."""
         wanted: set[int] = set()
         stack = [x.node for x in results if isinstance(x, Value)]
@@ -223,7 +223,7 @@ class Tape:
             return ()
         return (int(a), int(b)) if kind in "+-*" else (int(a),)
 
-    def settled(self, results: Sequence[Scalar]) -> list[Scalar]:
+    def absorb_signs(self, results: Sequence[Scalar]) -> list[Scalar]:
         """The same results with fewer negatives at the end: ``-(a - b)`` becomes ``b - a``, ``-(c a)`` ``(-c) a``."""
         out: list[Scalar] = []
         for x in results:
@@ -239,7 +239,7 @@ class Tape:
 
         Sines and cosines are not counted.
         """
-        results = self.settled(results)
+        results = self.absorb_signs(results)
         ends = {(x.node, x.negative) for x in results if isinstance(x, Value)}
         wanted = bytearray(len(self.operations))
         for node, _ in ends:
@@ -258,9 +258,9 @@ class Tape:
 
     def build(self, results: Sequence[Scalar]) -> list[ca.SX]:
         """The results as CasADi scalars in the symbols they were made of."""
-        results = self.settled(results)
+        results = self.absorb_signs(results)
         built: dict[int, ca.SX] = {}
-        for node in self.needed(results):
+        for node in self.find_needed(results):
             kind, a, b = self.operations[node]
             if kind == "symbol":
                 built[node] = self.symbols[node]

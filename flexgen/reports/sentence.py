@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
-from flexgen.simulation.figures import both_measured, measured
+from flexgen.simulation.figures import both_measured, format_size
 
 NUMERICAL = 1e-7  # m or rad: smaller errors are those of the computation, no accuracy of a robot
 
@@ -38,7 +38,7 @@ def _evidence(solution: Solution) -> str:
         return f"They fulfil the equations of motion to {size}, but no simulation has verified them."
     errors = both_measured(run.tool_error_max_m, run.tool_error_max_rad)
     if solution.status == Status.LIMITS_ACTIVE and solution.path_distance_max_m is not None:
-        errors = measured(solution.path_distance_max_m, "m")
+        errors = format_size(solution.path_distance_max_m, "m")
     worst = max(run.tool_error_max_m or 0.0, run.tool_error_max_rad or 0.0)
     size = f"at most {errors}" + " (numerical)" * (worst < NUMERICAL)
     where = "In a simulation of the full model"

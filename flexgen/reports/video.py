@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from flexgen.atomic_files import atomic_file, followed, staging_folder
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.plots.canvas import GREEN, INK, ORANGE, RED, styled
+from flexgen.plots.canvas import GREEN, INK, ORANGE, RED, apply_style
 from flexgen.plots.stick_figure import joint_style
 
 ENDINGS = (".gif", ".mp4")
@@ -115,14 +115,14 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path) -> None:
         command = ["ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size]
         command += ["-r", str(RATE), "-i", "-", "-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
         made = folder / "video.mp4"
-        status, message = _fed([*command, str(made.resolve())], pictures)
+        status, message = _feed([*command, str(made.resolve())], pictures)
         if status or not made.is_file():
             raise BuildError(f"video: ffmpeg ended with status {status}: {message}; try a name that ends in .gif")
         with atomic_file(path) as stream:
             stream.write(made.read_bytes())
 
 
-def _fed(command: list[str], pictures: Iterator[np.ndarray]) -> tuple[int, str]:
+def _feed(command: list[str], pictures: Iterator[np.ndarray]) -> tuple[int, str]:
     """Give a program the pictures one after the other, not all in memory; its status and its last message."""
     with tempfile.TemporaryFile() as errors:
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors) as program:
@@ -144,8 +144,8 @@ def _pictures(data: dict[str, Any], title: str, times: np.ndarray) -> Iterator[n
     """Pictures (height, width, 3) of the instants, drawn one after the other."""
     figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI)
     canvas = FigureCanvasAgg(figure)
-    move = styled(_begin)(figure, data, title)
-    draw = styled(canvas.draw)
+    move = apply_style(_begin)(figure, data, title)
+    draw = apply_style(canvas.draw)
     for t in times:
         move(float(t))
         draw()

@@ -16,7 +16,7 @@ class Figure(NamedTuple):
     key: str
 
 
-def measured(value: float | None, unit: str) -> str:
+def format_size(value: float | None, unit: str) -> str:
     """A length [m] or angle [rad] with a prefix of its unit: ``9.18e-05 um``, ``4.2 mm``; a dash for None."""
     if value is None or not np.isfinite(value):
         return "-"
@@ -26,4 +26,4 @@ def measured(value: float | None, unit: str) -> str:
 
 def both_measured(in_m: float | None, in_rad: float | None) -> str:
     """A length and an angle: ``4.2 mm and 3 urad``; empty where there is neither."""
-    return " and ".join(measured(value, unit) for value, unit in ((in_m, "m"), (in_rad, "rad")) if value is not None)
+    return " and ".join(format_size(value, unit) for value, unit in ((in_m, "m"), (in_rad, "rad")) if value is not None)

@@ -278,7 +278,7 @@ def held_torque(
             "a longer sample time"
         )
     time = t[0] + sample_time * np.arange(first, max(last, first + 1) + 1)
-    curve = extended(t, tau, limited, degree)
+    curve = extend_constant(t, tau, limited, degree)
     edges = time + delay
     if hold == "spline":
         return time, curve(edges)
@@ -302,7 +302,7 @@ def check_hold(hold: str, sample_time: float | None, delay: float) -> None:
         raise ArgumentError(f"delay: given {delay!r}, expected zero or a positive time in s")
 
 
-def extended(
+def extend_constant(
     t: np.ndarray, tau: np.ndarray, limited: bool, degree: int | None = None
 ) -> Callable[[np.ndarray], np.ndarray]:
     """The continuous torque, constant before its first and after its last sample."""

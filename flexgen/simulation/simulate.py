@@ -169,11 +169,11 @@ def simulate(
     motion = _motion(equations.model, data, task.t, task.given) if feedback == AUTO else None
     growth = None if motion is None else growth_along(equations, motion)
     if feedback == NONE or (feedback == AUTO and (growth is None or growth <= UNSTABLE)):
-        return replace(_simulated(task, rtol, None, tell), warnings=warnings, growth=growth)
+        return replace(_simulate_once(task, rtol, None, tell), warnings=warnings, growth=growth)
     chosen = default_feedback(equations, given["q_a"][0], given["q_m"][0], given["tau_m"][0])
-    closed = _simulated(task, rtol, chosen, tell)
+    closed = _simulate_once(task, rtol, chosen, tell)
     try:
-        alone = _simulated(task, max(rtol, RTOL_OPEN), None, tell)
+        alone = _simulate_once(task, max(rtol, RTOL_OPEN), None, tell)
     except SolverError:
         alone = None
     if growth is not None:
@@ -206,7 +206,7 @@ def _task(
     return _Task(equations, data, t, longer, start_state(equations.model, data, given, start, moving), held)
 
 
-def _simulated(
+def _simulate_once(
     task: _Task, rtol: float, feedback: MotorFeedback | None, progress: Callable[[str], None] | None
 ) -> Simulation:
     """One simulation of the whole move."""
@@ -222,7 +222,7 @@ def _simulated(
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = (part[:, list(robot.i_g)] @ robot.eta.T for part in (q_a, v_a))
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
-    in_m, in_rad, recorded = _recorded(equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
+    in_m, in_rad, recorded = _record(equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
     later_m, later_rad = _later_errors(task, found, (in_m, in_rad))
     return Simulation(
         trajectory=recorded,
@@ -374,7 +374,7 @@ def _energy_error(equations: Equations, motion: tuple[np.ndarray, ...], work: np
     return float(np.abs(imbalance).max() / exchanged)
 
 
-def _recorded(
+def _record(
     equations: Equations, data: Trajectory, given: dict[str, np.ndarray], motion: tuple[np.ndarray, ...]
 ) -> tuple[float | None, float | None, Trajectory]:
     """Largest output error [m] and [rad], and the simulated motion as a trajectory."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexgen.dae.signature import structural_index
 from flexgen.errors import BuildError, FlexgenError
-from flexgen.inversion.solution import exceeded
+from flexgen.inversion.solution import limit_warnings
 from flexgen.inversion.status import Status
 from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations
@@ -20,7 +20,7 @@ from flexgen.paths.time_laws import TimeLaw
 from flexgen.ports import Port
 from flexgen.runtime import load
 from flexgen.sweeps.closed_form_batch import InverseDynamics, JointMoves, Peaks, unfit
-from flexgen.sweeps.jobs import Job, Row, Shard, failed
+from flexgen.sweeps.jobs import Job, Row, Shard, failed_row
 from flexgen.trajectory import Trajectory
 
 Derived = Callable[[str, RobotModel], Equations]
@@ -138,7 +138,7 @@ def figures_or_reasons(robot: RobotModel, mover: JointMoves, starts: np.ndarray,
         return figures(robot, mover, starts, ends)
     except FlexgenError as error:
         if len(starts) == 1:
-            return [failed(str(error))]
+            return [failed_row(str(error))]
     half = len(starts) // 2
     halves = (slice(half), slice(half, None))
     return [row for rows in halves for row in figures_or_reasons(robot, mover, starts[rows], ends[rows])]
@@ -197,4 +197,4 @@ def _warnings(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndar
     }
     ports = {name: Port(name, (x.shape[1],), "mixed", "extremes") for name, x in channels.items()}
     labels = {name: tuple(map(str, range(x.shape[1]))) for name, x in channels.items()}
-    return exceeded(robot, Trajectory(np.array([0.0, 1.0]), channels, ports, labels))
+    return limit_warnings(robot, Trajectory(np.array([0.0, 1.0]), channels, ports, labels))

@@ -13,7 +13,7 @@ from itertools import islice
 from typing import Any
 
 from flexgen.errors import SolverError
-from flexgen.sweeps.jobs import Rows, Shard, failed
+from flexgen.sweeps.jobs import Rows, Shard, failed_row
 
 Work = Callable[[Shard], Rows]
 Done = Generator[tuple[Shard, Rows], None, None]
@@ -54,7 +54,7 @@ def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
                 else:
                     suspects.append(shard)
         for shard in suspects:
-            yield shard, _isolated(shard, work)
+            yield shard, _run_isolated(shard, work)
 
 
 class _Pool:
@@ -102,7 +102,7 @@ def _started() -> None:
     """First task of a worker: its process has started."""
 
 
-def _isolated(shard: Shard, work: Work) -> Rows:
+def _run_isolated(shard: Shard, work: Work) -> Rows:
     """A shard that may have killed its process, in a separate process; halved until the case is found."""
     try:
         with _Pool(1) as pool:
@@ -111,10 +111,10 @@ def _isolated(shard: Shard, work: Work) -> Rows:
         pass
     if len(shard.jobs) == 1:
         job = shard.jobs[0]
-        reason = failed("the process that solved this case died: out of memory, or a fault in a library")
+        reason = failed_row("the process that solved this case died: out of memory, or a fault in a library")
         return Rows([job.heading | reason], [{"case": job.number}])
     middle = len(shard.jobs) // 2
-    halves = [_isolated(replace(shard, jobs=jobs), work) for jobs in (shard.jobs[:middle], shard.jobs[middle:])]
+    halves = [_run_isolated(replace(shard, jobs=jobs), work) for jobs in (shard.jobs[:middle], shard.jobs[middle:])]
     return Rows(halves[0].results + halves[1].results, halves[0].times + halves[1].times)
 
 

@@ -75,6 +75,6 @@ class Rows:
     times: list[Row]
 
 
-def failed(reason: str) -> Row:
+def failed_row(reason: str) -> Row:
     """Columns of a case without a solution."""
     return {"status": "failed", "error": reason}

@@ -108,7 +108,7 @@ def sweep(
         missing = [number for number in range(count) if folder.rows(number) is None]
     shards = _shards(grid, missing, size, code)
     report = _Progress(len(grid), sum(len(_numbers(grid, number, size)) for number in missing), log)
-    with closing(_executed(shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard)) as done:
+    with closing(_execute(shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard)) as done:
         for shard, rows in done:
             if folder is None:
                 memory[shard.number] = rows
@@ -148,7 +148,7 @@ def _check_arguments(
         raise ArgumentError("resume: given without a folder, expected out= with the folder to resume")
 
 
-def _executed(
+def _execute(
     shards: Iterator[Shard], workers: int | None, executor: Any, in_flight: int | None, count: int, work: Work
 ) -> Done:
     if executor is not None:

@@ -16,7 +16,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
 from flexgen.progress import reporting
 from flexgen.sweeps.batches import Batches
-from flexgen.sweeps.jobs import Job, Row, Rows, Shard, failed
+from flexgen.sweeps.jobs import Job, Row, Rows, Shard, failed_row
 from flexgen.sweeps.version import code_version, wants_native
 
 KEPT = 2  # models whose equations a worker keeps
@@ -55,16 +55,16 @@ def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
     options = {"time_limit": None} | options  # results must not depend on the load of the computer
     try:
         if isinstance(robot, str):
-            row = failed(robot)
+            row = failed_row(robot)
         else:
             solution = solve(_equations(job.key, robot), job.move_of(robot), job.method, **options)
             if solution.interrupted:
                 raise KeyboardInterrupt
             row = _row(solution)
     except FlexgenError as error:
-        row = failed(str(error))
+        row = failed_row(str(error))
     except Exception as error:  # an error in one case must not lose the others
-        row = failed(f"{type(error).__name__}: {error}")
+        row = failed_row(f"{type(error).__name__}: {error}")
     return row, {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
 
 

@@ -21,7 +21,7 @@ from flexgen.benchmarks import scenario_file
 from flexgen.benchmarks.bench import Bench
 from flexgen.benchmarks.draws import draws_of, secret_seed
 from flexgen.benchmarks.foreign import ForeignController
-from flexgen.benchmarks.measures import measured, measures_of
+from flexgen.benchmarks.measures import compute_measures, measures_of
 from flexgen.benchmarks.scenario import Output, Scenario, Window
 from flexgen.benchmarks.scenario_file import FOLDER, scenario
 from flexgen.benchmarks.score import reference_measures
@@ -53,7 +53,7 @@ def test_a_model_of_the_same_name_in_the_current_folder_does_not_enter(tmp_path,
     text = (packaged_models() / "four_mass.toml").read_text()
     (tmp_path / "models" / "four_mass.toml").write_text(re.sub(r"(?m)^inertia = 5e-3", "inertia = 0.05", text))
     monkeypatch.chdir(tmp_path)
-    scenario_file._parsed.cache_clear()
+    scenario_file._parse_table.cache_clear()
     again = scenario("four_mass", version)
     assert again.digest == own.digest and again.model.motors == own.model.motors
     copy = tmp_path / "mine.toml"  # a file of one's own takes the model of the folder, and has another hash
@@ -172,7 +172,7 @@ def nominal_scores(s: Scenario, controller, seed: int) -> np.ndarray:
     for draw, units in zip(bench.draws, reference_measures(s, seed), strict=True):
         z, u, failures = bench.simulate(controller, [0], np.ones(1), np.array([s.delay_s]), draw)
         assert not failures[0]
-        out.append(measured(s, draw.windows, z[:, 0], u[:, 0]) / units @ weights)
+        out.append(compute_measures(s, draw.windows, z[:, 0], u[:, 0]) / units @ weights)
     return np.array(out)
 
 
@@ -371,7 +371,7 @@ def test_settling_does_not_jump_by_periods():
     for version in (1, 2):
         own = dataclasses.replace(s, measures_version=version)
         sizes = 1.0 * 1.002 ** np.arange(400)
-        times[version] = np.array([measured(own, window, a * shape, np.zeros((8000, 1)))[0] for a in sizes])
+        times[version] = np.array([compute_measures(own, window, a * shape, np.zeros((8000, 1)))[0] for a in sizes])
     jumps = {version: np.diff(found).max() for version, found in times.items()}
     assert jumps[1] > 0.2 and jumps[2] < 0.02  # s
     assert np.all(np.diff(times[2]) >= 0) and np.abs(times[2] - times[1]).max() < 0.3
@@ -384,7 +384,7 @@ def test_settling_is_the_mean_over_bands():
     rng = np.random.default_rng(3)
     z = sum(rng.normal() * np.exp(-r * t) * np.cos(2 * np.pi * f * t) for r, f in ((1, 1.3), (2, 4.1), (1.5, 7.7)))
     window = (Window("step", 0.0, 4.0, {"settling": 1.0}),)
-    found = measured(s, window, z[:, None], np.zeros((8000, 1)))[0]
+    found = compute_measures(s, window, z[:, None], np.zeros((8000, 1)))[0]
     away = np.abs(z - z[-200:].mean())
     bands = s.tolerance * (0.5 + (np.arange(400) + 0.5) / 400)
     expected = np.mean([s.sample_s * (np.flatnonzero(away > band)[-1] + 1) for band in bands])

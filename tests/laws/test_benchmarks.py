@@ -12,8 +12,8 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.benchmarks import scenario_file as scenarios
-from flexgen.benchmarks.leaderboard import shipped
-from flexgen.benchmarks.measures import measured, measures_of
+from flexgen.benchmarks.leaderboard import find_shipped_controllers
+from flexgen.benchmarks.measures import compute_measures, measures_of
 from flexgen.benchmarks.scenario import FROZEN, NAMES
 from flexgen.benchmarks.scenario_file import FOLDER, scenario
 from flexgen.benchmarks.tune import cascade_table, numbers_of, with_numbers
@@ -99,7 +99,7 @@ def test_all_published_scores_of_version_1():
 def test_the_best_controllers_that_come_with_it(name, best):
     """No margin against a larger gain: LQG of four_mass always, H-infinity in some draws."""
     found = {}
-    for controller in shipped(name):
+    for controller in find_shipped_controllers(name):
         found[controller] = flexgen.score(name, controller, progress=False)
     assert len(found) == 5 and min(s.total for s in found.values() if s.accepted) <= best
     refused = [key for key, s in found.items() if not s.accepted]
@@ -114,7 +114,7 @@ def test_measures_of_a_known_signal():
     z[(t >= 9) & (t < 17), 0] = 2 * np.sin(2 * np.pi * t[(t >= 9) & (t < 17)])
     u = 3 * np.ones((n, 1))
     u[t >= 34, 0] += np.sin(40 * t[t >= 34])
-    values = dict(zip([m.name for m in measures_of(s)], measured(s, s.windows, z, u), strict=True))
+    values = dict(zip([m.name for m in measures_of(s)], compute_measures(s, s.windows, z, u), strict=True))
     assert values["motor step, peak to peak"] == pytest.approx(1.0, abs=1e-3)
     assert values["motor step, settling time"] == pytest.approx(0.5 * np.log(10), abs=5e-3)  # it settles to 3e-4 mm
     assert values["motor chirp, RMS"] == pytest.approx(np.sqrt(2), rel=1e-3)

@@ -51,8 +51,8 @@ def regrouped_mass_is_lost(monkeypatch):
 
 
 def wrong_sign_of_a_frames_angle(monkeypatch):
-    split = chain_room._split
-    monkeypatch.setattr(chain_room, "_split", lambda rotation: (-split(rotation)[0], *split(rotation)[1:]))
+    split = chain_room._split_rotation
+    monkeypatch.setattr(chain_room, "_split_rotation", lambda rotation: (-split(rotation)[0], *split(rotation)[1:]))
 
 
 def missing_coriolis_term(monkeypatch):
@@ -65,7 +65,7 @@ def missing_coriolis_term(monkeypatch):
 
 
 def missing_momentum_of_changes(monkeypatch):
-    monkeypatch.setattr(derivatives, "_carried", lambda beyond, w, s, S: beyond)
+    monkeypatch.setattr(derivatives, "_add_momentum", lambda beyond, w, s, S: beyond)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.loop import robustness
-from flexgen.loop.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturbed
+from flexgen.loop.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturb
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
@@ -65,7 +65,7 @@ def test_poses_beams_and_joints_have_rows() -> None:
 def test_perturbed_springs_and_masses(name: str) -> None:
     """Every spring's torque and every inertia is multiplied."""
     model = read(name)
-    other = perturbed(model, Plant("x", stiffness=1.2, mass=0.9))
+    other = perturb(model, Plant("x", stiffness=1.2, mass=0.9))
     one, two = flexgen.derive(model), flexgen.derive(other)
     rng = np.random.default_rng(3)
     q, zero = 1e-3 * rng.standard_normal(model.n_a), np.zeros(model.n_a)
@@ -114,5 +114,5 @@ def test_wrong_arguments_are_refused() -> None:
             equations, {"a": solution, "b": flexgen.solve(equations, "joints", method="rigid", verify=False)}
         )
     with pytest.raises(ArgumentError, match="given stiffness 0, expected a positive factor"):
-        perturbed(equations.model, Plant("none", stiffness=0))
+        perturb(equations.model, Plant("none", stiffness=0))
     assert Bandwidth().position == 20.0

@@ -11,7 +11,7 @@ from flexgen.laws.lq import LQG
 from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.loop.interface import Measurement, Reference
 from flexgen.loop.margins import as_linear
-from flexgen.loop.sampled_model import held, sampled
+from flexgen.loop.sampled_model import hold_effects, sample_model
 from flexgen.numerics.riccati import riccati
 
 H = 1e-3
@@ -28,11 +28,11 @@ def oscillator() -> tuple[np.ndarray, np.ndarray]:
 def test_delays_are_states(delay):
     """Random torques through the sampled model, and in a hundred steps a sample with the delay itself."""
     A, B = oscillator()
-    F, G = sampled(A, B, H, delay * H)
+    F, G = sample_model(A, B, H, delay * H)
     rng, parts = np.random.default_rng(0), 100
     u = rng.standard_normal((40, 2))
     x, fine = np.zeros(len(F)), np.zeros(4)
-    phi, gamma = expm(A * H / parts), held(A, B, H / parts, 0.0)[1]
+    phi, gamma = expm(A * H / parts), hold_effects(A, B, H / parts, 0.0)[1]
     for k in range(40):
         assert np.allclose(x[:4], fine, atol=1e-12)
         x = F @ x + G @ u[k]
@@ -44,7 +44,7 @@ def test_delays_are_states(delay):
 def test_the_regulator_is_the_limit_of_a_sweep():
     """Riccati's recursion backwards over a constant model against the algebraic solution."""
     A, B = oscillator()
-    F, G = sampled(A, B, H, H)
+    F, G = sample_model(A, B, H, H)
     Q, R = np.eye(len(F)), 0.1 * np.eye(2)
     P = np.zeros_like(Q)
     for _ in range(20000):
@@ -56,7 +56,7 @@ def test_the_regulator_is_the_limit_of_a_sweep():
 def test_the_constant_gain_is_the_limit_of_the_filter():
     """The covariance of a time-varying Kalman filter goes to that of the stationary one."""
     A, B = oscillator()
-    F, G = sampled(A, B, H, 0.0)
+    F, G = sample_model(A, B, H, 0.0)
     C, W, V = np.eye(4)[:2], G @ G.T + 1e-12 * np.eye(4), 1e-6 * np.eye(2)
     P = np.eye(4)
     for _ in range(20000):

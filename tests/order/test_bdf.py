@@ -11,7 +11,7 @@ from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
-from flexgen.lab.bdf import COEFFICIENTS, extrapolated, march, solve, stable_order
+from flexgen.lab.bdf import COEFFICIENTS, extrapolate, march, solve, stable_order
 from flexgen.model.reader import read
 
 SMOOTH = 9  # continuous derivatives of a path on which an order can be seen
@@ -62,7 +62,7 @@ def test_order_one_lags_and_extrapolation_removes_the_lag() -> None:
     both = []
     for n in (100, 200):
         s = np.linspace(0.0, here.path.duration, n + 1)
-        found = extrapolated(here.dae, here.path, s, here.x_eq, 1)
+        found = extrapolate(here.dae, here.path, s, here.x_eq, 1)
         both.append(relative(here.torques(found.x), exact(s)))  # type: ignore[operator]
     assert observed_order(both) == pytest.approx(2.0, abs=NEAR)
     assert both[-1] < relative(plain + exact(t), exact(t)) / 50  # type: ignore[operator]

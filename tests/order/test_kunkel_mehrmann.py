@@ -16,7 +16,7 @@ from flexgen.dae.derivative_array import DerivativeArray
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
-from flexgen.lab.kunkel_mehrmann import Regular, integrate, regularized, solve
+from flexgen.lab.kunkel_mehrmann import Regular, integrate, regularize, solve
 from flexgen.lab.strangeness_free import StrangenessFree
 from flexgen.numerics.tableaus import Tableau, radau
 
@@ -32,7 +32,7 @@ WINDOW = 0.02  # s: where they are fitted
 @cache
 def system(name: str) -> StrangenessFree:
     here = problem(name)
-    return regularized(here.dae, here.x_eq)
+    return regularize(here.dae, here.x_eq)
 
 
 @cache

@@ -10,7 +10,7 @@ import pytest
 from recursion_cases import arguments, check, dense_chain, largest, some_states, values
 
 from flexgen.codegen.spec import library_spec
-from flexgen.expressions.evaluation import evaluated
+from flexgen.expressions.evaluation import evaluate_routine
 from flexgen.expressions.routine import Columns, Factor, Routine
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Body, Gear, LinearSpring, Placement, RobotModel
@@ -66,10 +66,10 @@ def test_derivatives_and_mass_matrix_are_the_lagrangians(robot):
     assert in_loops(derivatives)
     for state in some_states(equations.model):
         given = arguments(state, rng)
-        found = evaluated(derivatives, given)
+        found = evaluate_routine(derivatives, given)
         names = ("dtau_dq", "dtau_dv", "dtau_da")
         check(equations, "inverse_dynamics_derivatives", given, [found[name] for name in names])
-        check(equations, "mass_matrix", given, [evaluated(mass_matrix, given)["M"]])
+        check(equations, "mass_matrix", given, [evaluate_routine(mass_matrix, given)["M"]])
 
 
 @pytest.mark.parametrize("robot", [pytest.param("dense", marks=pytest.mark.slow), "hollow"])
@@ -79,7 +79,7 @@ def test_derivatives_of_accelerations(robot):
     program = program_of(equations, "arm_forward_derivatives")
     assert any(isinstance(step, Factor) for step in program.steps)
     given = arguments(some_states(equations.model, 1)[0], np.random.default_rng(2))
-    found = evaluated(program, given)
+    found = evaluate_routine(program, given)
     (a_a,) = values(recursive_function(equations, "arm_forward_dynamics"), given)
     by_q, by_v, M = values(recursive_function(equations, "inverse_dynamics_derivatives"), {**given, "a_a": a_a.ravel()})
     for name, expected in (("da_dq", -by_q), ("da_dv", -by_v), ("da_dtau", np.eye(len(M)))):
@@ -92,7 +92,7 @@ def test_linearization_of_the_whole_robot():
     program = program_of(equations, "linearize")
     assert in_loops(program)
     given = arguments(some_states(equations.model, 1)[0], np.random.default_rng(3))
-    found = evaluated(program, given)
+    found = evaluate_routine(program, given)
     expected = dict(zip(("A", "B"), values(equations.function("linearize"), given), strict=True))
     n = equations.model.dof
     M, _ = values(equations.function("residual_jacobians"), {**given, **accelerations(equations, given)})
@@ -132,7 +132,7 @@ def no_linear_rate(monkeypatch):
     def wrong(speed: ca.SX, axis: ca.SX) -> ca.SX:
         return ca.vertcat(ca.cross(speed[:3], axis[:3]), ca.cross(speed[:3], axis[3:]))
 
-    monkeypatch.setattr(columns, "_moved", wrong)
+    monkeypatch.setattr(columns, "_rate_of_axis", wrong)
 
 
 def transposed_moment(monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from emission import Small, spec_of
 from toolchain import needs_compiler
 
-from flexgen.expressions.evaluation import evaluated
+from flexgen.expressions.evaluation import evaluate_routine
 from flexgen.expressions.routine import (
     Block,
     Columns,
@@ -86,7 +86,7 @@ def test_every_step_is_that_of_numpy(n, flags, tmp_path):
     for k in range(POINTS):
         status, one = library.point(q[k], r[k])
         assert status == 0
-        expected = evaluated(program, {"q": q[k], "r": r[k]})
+        expected = evaluate_routine(program, {"q": q[k], "r": r[k]})
         for port, x, y in zip(outputs, one, many, strict=True):
             assert np.array_equal(x, y[k])
             given = x.reshape(port.shape, order="F")
@@ -126,7 +126,7 @@ def test_single_precision(flags, tmp_path):
     status, many = library.batch(q.transpose(0, 2, 1).reshape(POINTS, -1), r)
     assert status == 0
     status, one = library.point(q[0], r[0])
-    expected = evaluated(program, {"q": q[0], "r": r[0]})
+    expected = evaluate_routine(program, {"q": q[0], "r": r[0]})
     for port, x, y in zip(outputs, one, many, strict=True):
         assert np.array_equal(x, y[0])
         given = x.reshape(port.shape, order="F")

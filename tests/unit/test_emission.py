@@ -15,8 +15,8 @@ from flexgen.expressions.function_text import function_text
 from flexgen.expressions.graph import Graph, read_graph
 from flexgen.expressions.literals import literal
 from flexgen.expressions.routine import Block, Expressions, Products, Routine, Rows, Solve, profile
-from flexgen.expressions.schedule import ordered, scheduled
-from flexgen.expressions.simplify import simplified
+from flexgen.expressions.schedule import order_by_depth, schedule_nodes
+from flexgen.expressions.simplify import simplify_graph
 from flexgen.ports import Port
 
 ROUNDING = 1e-13  # of some twenty roundings in another order, relative to the largest term
@@ -69,7 +69,7 @@ def worst(function: ca.Function, rng: np.random.Generator) -> float:
     x = rng.normal(size=(POINTS, 4))
     expected = machine(function, [x])[0][:, :, 0]
     with np.errstate(all="ignore"):
-        given = value(simplified(read_graph(function)), x)
+        given = value(simplify_graph(read_graph(function)), x)
     scale = 1.0 + np.abs(expected).max(axis=0)
     return float(np.nanmax(np.abs(given - expected) / scale))
 
@@ -114,7 +114,7 @@ def test_a_lost_sign_is_seen(lost, monkeypatch):
     ],
 )
 def test_no_operation_is_made_twice(rows, operations):
-    assert simplified(read_graph(function_of(*rows))).operations() == operations
+    assert simplify_graph(read_graph(function_of(*rows))).operations() == operations
 
 
 def test_long_sums_are_short_chains():
@@ -122,7 +122,7 @@ def test_long_sums_are_short_chains():
     total = x[0]
     for k in range(1, 64):
         total = total - x[k] if k % 3 else total + x[k]
-    graph = simplified(read_graph(ca.Function("f", [x], [total], ["u"], ["y"])))
+    graph = simplify_graph(read_graph(ca.Function("f", [x], [total], ["u"], ["y"])))
     assert graph.operations() == 63 and max(graph.depth) == 6 * graphs.LATENCY["add"]
     values = np.random.default_rng(1).normal(size=(5, 64))
     signs = np.array([1.0] + [-1.0 if k % 3 else 1.0 for k in range(1, 64)])
@@ -131,13 +131,13 @@ def test_long_sums_are_short_chains():
 
 def test_summands_that_are_ready_late_are_added_last():
     slow = ca.exp(A)
-    graph = simplified(read_graph(function_of(slow + B + C + D)))
+    graph = simplify_graph(read_graph(function_of(slow + B + C + D)))
     assert max(graph.depth) == graphs.LATENCY["exp"] + graphs.LATENCY["add"]
 
 
-@pytest.mark.parametrize("order", [ordered, scheduled])
+@pytest.mark.parametrize("order", [order_by_depth, schedule_nodes])
 def test_every_operand_is_written_before_its_user(order):
-    graph = simplified(read_graph(random_function(np.random.default_rng(7), 200)))
+    graph = simplify_graph(read_graph(random_function(np.random.default_rng(7), 200)))
     roots = [r >> 1 for _, _, r in graph.outputs]
     seen: set[int] = set()
     nodes = order(graph, roots, seen)
@@ -151,8 +151,8 @@ def test_the_longest_chain_is_begun_first():
     chain = A
     for _ in range(10):
         chain = ca.sqrt(chain + 1)
-    graph = simplified(read_graph(function_of(B * C, B * D, C * D, chain)))
-    nodes = scheduled(graph, [r >> 1 for _, _, r in graph.outputs], set())
+    graph = simplify_graph(read_graph(function_of(B * C, B * D, C * D, chain)))
+    nodes = schedule_nodes(graph, [r >> 1 for _, _, r in graph.outputs], set())
     kinds = [graph.kind[node] for node in nodes if graph.arguments(node)]
     assert kinds[0] == "add" and kinds.index("mul") < kinds.index("sqrt")  # while the sum is on its way
 

@@ -17,7 +17,7 @@ from toolchain import CC, needs_compiler
 
 import flexgen.runtime.files
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.library.c_module import compiled, load_module
+from flexgen.library.c_module import compile_module, load_module
 from flexgen.library.casadi_module import casadi_module, external
 from flexgen.library.object_cache import Objects, cache_folder
 from flexgen.loop.controller_files import file_controller
@@ -129,7 +129,7 @@ def test_a_cut_library_is_refused_without_a_crash(path_and_load, kind):
 def test_a_module_that_is_exchanged_after_the_check_does_not_run(tmp_path, monkeypatch):
     """The stranger's code is put in place between the check and the load: what was checked runs."""
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path))
-    ours, strangers = (compiled("answer", ANSWER % k) for k in (1, 2))
+    ours, strangers = (compile_module("answer", ANSWER % k) for k in (1, 2))
     real = flexgen.runtime.files._loaded_copy
 
     def exchanged(name: str, content: bytes):
@@ -143,18 +143,18 @@ def test_a_module_that_is_exchanged_after_the_check_does_not_run(tmp_path, monke
 def test_a_module_in_the_cache_that_cannot_be_trusted_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path))
     text = ANSWER % 3
-    path = compiled("answer", text)
+    path = compile_module("answer", text)
     whole = path.read_bytes()
     for spoil in (lambda: path.write_bytes(whole[:2000]), lambda: path.chmod(0o777)):
         spoil()
-        assert compiled("answer", text) == path and path.read_bytes() == whole and path.stat().st_mode & 0o77 == 0
+        assert compile_module("answer", text) == path and path.read_bytes() == whole and path.stat().st_mode & 0o77 == 0
 
 
 def test_modules_are_the_users_alone_whatever_the_umask(tmp_path, monkeypatch):
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path))
     old = os.umask(0)
     try:
-        path = compiled("answer", ANSWER % 4)
+        path = compile_module("answer", ANSWER % 4)
     finally:
         os.umask(old)
     assert path.stat().st_mode & 0o777 == 0o700 and load_module(path).answer() == 4

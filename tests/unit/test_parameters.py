@@ -12,7 +12,7 @@ from toolchain import needs_compiler
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.library.generate import generate
 from flexgen.mechanics.equations import derive
-from flexgen.mechanics.parameters import parametrized
+from flexgen.mechanics.parameters import put_symbols
 from flexgen.model.elements import Dof, Element, Gear, LinearSpring
 from flexgen.model.reader import read
 from flexgen.runtime import load
@@ -116,7 +116,7 @@ def test_functions_that_do_not_depend_on_them_do_not_ask_for_them():
 
 
 def test_names_units_and_groups():
-    made = parametrized(read("abb_arm"), ["friction", "e1.stiffness", "q1.cubic"])
+    made = put_symbols(read("abb_arm"), ["friction", "e1.stiffness", "q1.cubic"])
     listed = {parameter.name: (parameter.value, parameter.unit) for parameter in made.parameters}
     model = read("abb_arm")
     assert set(listed) >= {"q1.cubic", "e1.stiffness", "m1.viscous", "m1.coulomb"} and "q1.stiffness" not in listed
@@ -126,9 +126,9 @@ def test_names_units_and_groups():
 
 
 def test_every_parameter_has_a_description():
-    said = {p.name: p.doc for p in parametrized(read("manutec_r3"), ["stiffness", "damping", "friction"]).parameters}
-    said |= {p.name: p.doc for p in parametrized(read("elbow"), ["stiffness", "payload"]).parameters}
-    said |= {p.name: p.doc for p in parametrized(read("abb_arm"), ["stiffness"]).parameters}
+    said = {p.name: p.doc for p in put_symbols(read("manutec_r3"), ["stiffness", "damping", "friction"]).parameters}
+    said |= {p.name: p.doc for p in put_symbols(read("elbow"), ["stiffness", "payload"]).parameters}
+    said |= {p.name: p.doc for p in put_symbols(read("abb_arm"), ["stiffness"]).parameters}
     motor, joint = read("manutec_r3").motors[0].name, read("manutec_r3").coordinates[5].name
     assert said["q1.damping"] == "damping of q1, motor side"
     assert said[f"{motor}.coulomb"] == f"friction of motor {motor}, motor side"
@@ -145,7 +145,7 @@ def test_numbers_stated_on_the_motor_side_have_units_of_the_motor():
         dof = model.elements[0].dofs[0]
         gear = Gear(False, side, LinearSpring(2.0), 0.1)
         first: Element = replace(model.elements[0], dofs=(replace(dof, type=kind, gear=gear),))
-        made = parametrized(replace(model, elements=(first, *model.elements[1:])), ["stiffness", "damping"])
+        made = put_symbols(replace(model, elements=(first, *model.elements[1:])), ["stiffness", "damping"])
         return {p.name: p.unit for p in made.parameters if p.name.startswith(f"{dof.name}.")}
 
     name = model.elements[0].dofs[0].name

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Dof, Element, Gear, Motor, Placement, RobotModel
 from flexgen.recursion.composite_body import mass_matrix
-from flexgen.recursion.dh_chain import Kept, laid, regrouped
+from flexgen.recursion.dh_chain import KeptInertia, make_chain, regroup
 from flexgen.recursion.functions import fast_function, operations_of
 from flexgen.recursion.kinematics import tool_pose
 from flexgen.recursion.newton_euler import inverse_dynamics
@@ -44,7 +44,7 @@ def torques(chain, given, columns=True) -> np.ndarray:
 def test_regrouping_changes_no_torque(name):
     """Whatever is kept or moved on, torques and mass matrix stay."""
     equations = equations_of(name)
-    chain, rng = laid(equations.model), np.random.default_rng(9)
+    chain, rng = make_chain(equations.model), np.random.default_rng(9)
     n = len(chain.joints)
     for s in some_states(equations.model, 2):
         given = arguments(s, rng)
@@ -52,10 +52,10 @@ def test_regrouping_changes_no_torque(name):
             check(equations, "inverse_dynamics", given, [torques(chain, given, columns)])
         for _ in range(4):
             kept = [
-                Kept(str(rng.choice(["none", "all", "balance"])), bool(rng.integers(2)), bool(rng.integers(2)))
+                KeptInertia(str(rng.choice(["none", "all", "balance"])), bool(rng.integers(2)), bool(rng.integers(2)))
                 for _ in range(n)
             ]
-            grouped = regrouped(chain, kept)
+            grouped = regroup(chain, kept)
             check(equations, "inverse_dynamics", given, [torques(grouped, given)])
             tape, q = Tape(), ca.SX.sym("q", n)
             M = tape.build([x for row in mass_matrix(tape, grouped, tape.vector(q)) for x in row])
@@ -65,10 +65,10 @@ def test_regrouping_changes_no_torque(name):
 
 
 def test_regrouping_empties_what_it_can():
-    for joint in regrouped(laid(dense_chain(6, 4)), [Kept()] * 6).joints:
+    for joint in regroup(make_chain(dense_chain(6, 4)), [KeptInertia()] * 6).joints:
         body = joint.inertia
         assert (body.mass, body.first[2], body.second[2, 2]) == (0.0, 0.0, 0.0)
-    balanced = regrouped(laid(dense_chain(6, 4)), [Kept("balance")] * 6).joints
+    balanced = regroup(make_chain(dense_chain(6, 4)), [KeptInertia("balance")] * 6).joints
     for before, joint in pairwise(balanced[1:]):
         assert before.inertia.first[np.argmax(np.abs(joint.place))] == pytest.approx(0.0, abs=1e-12)
 
@@ -77,7 +77,7 @@ def test_regrouping_empties_what_it_can():
 def test_frames_are_modified_denavit_hartenberg(name):
     """Modified Denavit-Hartenberg: no way across the axes' normals, one angle about x; the tool is where it was."""
     equations = equations_of(name)
-    chain = laid(equations.model)
+    chain = make_chain(equations.model)
     for before, joint in pairwise(chain.joints):
         c, s = joint.twist
         assert c * c + s * s == pytest.approx(1.0, abs=1e-15)
@@ -114,10 +114,10 @@ def two_joints(angle: float) -> RobotModel:
 
 def test_entries_below_rounding_are_set_to_zero():
     """A right angle typed with 15 digits is one; one typed with 8 digits is an angle of its own."""
-    assert laid(two_joints(1.57079632679490)).joints[1].twist == (0.0, 1.0)
-    assert laid(two_joints(-np.pi / 2 + 3e-16)).joints[1].twist == (0.0, 1.0)
-    assert laid(two_joints(3e-16)).joints[1].twist == (1.0, 0.0)
-    c, s = laid(two_joints(1.5707963)).joints[1].twist
+    assert make_chain(two_joints(1.57079632679490)).joints[1].twist == (0.0, 1.0)
+    assert make_chain(two_joints(-np.pi / 2 + 3e-16)).joints[1].twist == (0.0, 1.0)
+    assert make_chain(two_joints(3e-16)).joints[1].twist == (1.0, 0.0)
+    c, s = make_chain(two_joints(1.5707963)).joints[1].twist
     assert c == pytest.approx(2.68e-8, rel=1e-2)
     assert s <= 1.0
     for angle in (1.57079632679490, 1.5707963, 1.5707963267, 1e-13, 1e-9):

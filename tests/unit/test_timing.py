@@ -135,7 +135,7 @@ def test_laws_keep_speeds_and_bounds(bounds: tuple[float, ...], smoothness: int,
 def test_wrong_laws_would_be_seen() -> None:
     bounds, way = BOUNDS[2], WAYS["slow corner"]
     law = speed_law(way, bounds)
-    assert "bound 4" in law_errors(law.slowed(0.999), bounds, way)
+    assert "bound 4" in law_errors(law.slow_down(0.999), bounds, way)
     assert law_errors(speed_law(way, (*bounds[:2], 61.0, bounds[3])), bounds, way) == ["bound 3"]
     assert "speed of stretch 1" in law_errors(
         speed_law([Stretch(0.4, 0.5), Stretch(0.02, 0.2), way[2]], bounds), bounds, way
@@ -151,7 +151,7 @@ def test_more_time_is_never_taken_for_looser_bounds() -> None:
 
 def test_slowed_laws_divide_the_derivatives() -> None:
     law = speed_law(WAYS["slow corner"], BOUNDS[3])
-    slow = law.slowed(1.7)
+    slow = law.slow_down(1.7)
     t = np.linspace(0.01, law.duration * 0.99, 57)
     assert abs(slow.duration / law.duration - 1.7) < 1e-15
     assert np.abs(slow(1.7 * t) * 1.7 ** np.arange(6) - law(t)).max() < 1e-9 * np.abs(law(t)).max()

@@ -104,9 +104,9 @@ def test_the_pictures_are_drawn_one_after_the_other(tmp_path):
             most.append(sum(one() is not None for one in alive))
             yield picture
 
-    assert video._fed([sys.executable, "-c", "import sys; sys.stdin.buffer.read()"], pictures(12)) == (0, "")
+    assert video._feed([sys.executable, "-c", "import sys; sys.stdin.buffer.read()"], pictures(12)) == (0, "")
     assert len(most) == 12 and max(most) <= 2
-    assert video._fed([sys.executable, "-c", "import sys; sys.exit('no space')"], pictures(12)) == (1, "no space")
+    assert video._feed([sys.executable, "-c", "import sys; sys.exit('no space')"], pictures(12)) == (1, "no space")
 
 
 @pytest.mark.slow

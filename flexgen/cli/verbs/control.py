@@ -103,14 +103,14 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
 def score(args: Namespace, log: Progress) -> VerbResult:
     """Score controllers in a benchmark: one axis with four masses, or an arm with two links."""
     check_report(args.report)
-    from flexgen.benchmarks.leaderboard import shipped
+    from flexgen.benchmarks.leaderboard import find_shipped_controllers
     from flexgen.benchmarks.scenario_file import scenario
     from flexgen.benchmarks.score import score as compute
 
     chosen = scenario(args.scenario)
     given: list[str] = []
     for name in args.controller or ["reference"]:
-        given += ["reference", *shipped(chosen.name, chosen.version)] if name == "all" else [name]
+        given += ["reference", *find_shipped_controllers(chosen.name, chosen.version)] if name == "all" else [name]
     if args.report is not None and len(given) > 1:
         raise ArgumentError(f"--report: given {len(given)} controllers, expected one")
     tell, found = throttled(log), []

@@ -278,7 +278,7 @@ def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dic
     from flexgen.identification.experiments.experiment import Experiment
     from flexgen.identification.recordings.description import is_description
     from flexgen.identification.recordings.experiment_file import read_experiment
-    from flexgen.identification.time_domain import judged, refine, validate
+    from flexgen.identification.time_domain import refine, validate, validate_on_others
 
     experiment = read_experiment(args.refine) if is_description(args.refine) else Experiment.load(args.refine)
     log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
@@ -298,7 +298,7 @@ def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dic
         "",
         table(rows, ("motor", "fit, %", "white lags, %")),
     ]
-    return judged(fine, checked), ({"validation": data}, lines)
+    return validate_on_others(fine, checked), ({"validation": data}, lines)
 
 
 def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:

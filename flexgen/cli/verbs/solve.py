@@ -204,18 +204,20 @@ def problem_of(solution: Solution, accuracy: float) -> tuple[str, int]:
     """Why the solution cannot be used, empty if it can, and the exit status that this has."""
     if solution.status != Status.LIMITS_EXCEEDED:
         return inaccuracy(solution, accuracy), 1
-    from flexgen.inversion.solution import exceeded
+    from flexgen.inversion.solution import limit_warnings
 
-    lines = exceeded(solution.model, solution.trajectory)
+    lines = limit_warnings(solution.model, solution.trajectory)
     more = f", and {len(lines) - 1} more (see the warnings)" if len(lines) > 1 else ""
     return f"{solution.status}: {lines[0]}{more}; {_limit_advice(solution)}", EXCEEDED
 
 
 def _limit_advice(solution: Solution) -> str:
     """What to do about a solution beyond limits of the model file: more time helps against all but ranges."""
-    from flexgen.inversion.solution import exceeded
+    from flexgen.inversion.solution import limit_warnings
 
-    slower = ["exceeds its limit" in line for line in exceeded(solution.model, solution.trajectory)]  # not a range
+    slower = [
+        "exceeds its limit" in line for line in limit_warnings(solution.model, solution.trajectory)
+    ]  # not a range
     advice = [] if all(slower) else ["choose another target or path: more time does not help beyond a range"]
     if any(slower):
         advice.append("give the move more time, or keep torques and speeds with --limits")

@@ -306,12 +306,12 @@ def settle(loop: ClosedLoop, reference: np.ndarray, periods: int) -> None:
     """Run periods that are not measured: the reference (samples, lanes, 2 n_m) fades in over the first one."""
     if periods == 0:
         return
-    loop.run(faded(reference), len(reference))
+    loop.run(fade_in(reference), len(reference))
     for _ in loop.periods(reference, periods - 1):
         pass
 
 
-def faded(reference: np.ndarray) -> np.ndarray:
+def fade_in(reference: np.ndarray) -> np.ndarray:
     """A period of the reference (samples, lanes, 2 n_m) that begins at rest, smooth at both ends."""
     n_m = reference.shape[2] // 2
     ramp = np.linspace(0.0, 1.0, len(reference))

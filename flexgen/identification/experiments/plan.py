@@ -16,7 +16,7 @@ from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points
 from flexgen.identification.experiments.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
 from flexgen.identification.experiments.optimal_spectrum import with_optimal_spectrum
-from flexgen.identification.outputs import channels, checked
+from flexgen.identification.outputs import channels, check_channels
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
@@ -112,11 +112,11 @@ def excite(
         transients=transients,
         hardware=hardware,
         controller=default_cascade(robot, hardware.sample_s + hardware.delay_s),
-        sensors=checked(robot, channels(robot) if sensors is None else sensors),
+        sensors=check_channels(robot, channels(robot) if sensors is None else sensors),
     )
     vector = ParameterVector(robot, free or default_free(robot))
     plan = _with_poses(plan, robot, vector, poses, criterion, seed, progress)
-    return _predicted(_optimal(plan, robot, vector) if spectrum == OPTIMAL else plan, vector)
+    return _predict_accuracy(_optimal(plan, robot, vector) if spectrum == OPTIMAL else plan, vector)
 
 
 def _amplitudes(
@@ -235,7 +235,7 @@ def _check_reach(plan: Plan, model: RobotModel) -> None:
     _check_speeds(plan, model)
 
 
-def _predicted(plan: Plan, vector: ParameterVector) -> Plan:
+def _predict_accuracy(plan: Plan, vector: ParameterVector) -> Plan:
     """The plan with the expected accuracy of the parameters."""
     F, _ = operating_points.information(vector, plan, plan.poses)
     sd = np.sqrt(np.diag(operating_points.covariance(F.sum(axis=0), vector.prior_sd)))

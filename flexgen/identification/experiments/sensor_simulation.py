@@ -7,7 +7,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.outputs import channels, checked
+from flexgen.identification.outputs import channels, check_channels
 from flexgen.library.casadi_module import in_c
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.sensors import sensor_signals
@@ -37,7 +37,7 @@ class SensorSignals:
     """
 
     def __init__(self, robot: RobotModel, plan: Plan, library: Library, seed: int) -> None:
-        self.robot, self.library, self.names = robot, library, checked(robot, plan.sensors)
+        self.robot, self.library, self.names = robot, library, check_channels(robot, plan.sensors)
         of = {name: sensor for sensor in robot.sensors for name in sensor.channels}
         sensors = [of[name] for name in self.names]
         self.noise = np.array([sensor.noise for sensor in sensors])

@@ -71,7 +71,7 @@ def spectra_beside(x: np.ndarray, lines: np.ndarray, offsets: np.ndarray, period
 
 
 @dataclass(frozen=True)
-class Settled:
+class SteadySpectra:
     """Spectra without transients.
 
     ``lines`` (..., lines, n); ``noise`` (..., offsets, lines, n) of the whole record, ``freedom`` of the offsets are
@@ -84,7 +84,7 @@ class Settled:
     spread: float
 
 
-def without_transients(lines: np.ndarray, beside: np.ndarray, offsets: np.ndarray) -> Settled:
+def without_transients(lines: np.ndarray, beside: np.ndarray, offsets: np.ndarray) -> SteadySpectra:
     """Subtract the transient that the spectra beside the lines show.
 
     Parameters
@@ -99,4 +99,4 @@ def without_transients(lines: np.ndarray, beside: np.ndarray, offsets: np.ndarra
     fit = np.linalg.pinv(A)  # (degree + 1, offsets)
     transient = np.einsum("d,...dln->...ln", fit[0], beside)
     smooth = np.einsum("ed,...dln->...eln", A @ fit, beside)
-    return Settled(lines - transient, beside - smooth, len(offsets) - degree - 1, 1.0 + float(fit[0] @ fit[0]))
+    return SteadySpectra(lines - transient, beside - smooth, len(offsets) - degree - 1, 1.0 + float(fit[0] @ fit[0]))

@@ -266,7 +266,7 @@ def identify_rigid(
     sd = np.maximum(np.std(np.vstack(columns.measured), axis=0), 1e-12)
     friction = np.zeros((robot.n_m, columns.F[0].shape[2]))
     for _ in range(4):  # the weights follow the errors
-        pi, friction = _fitted(columns, file, pi, sd, prior)
+        pi, friction = _fit_bodies(columns, file, pi, sd, prior)
         error = np.vstack([m - t for m, t in zip(columns.measured, columns.torques(pi, friction), strict=True)])
         sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
     error_rms, scale = columns.errors(pi, friction)
@@ -292,7 +292,7 @@ def _left_out(
     pieces, error, moving = rigid_accuracy.parts_of([len(m) for m in columns.measured], parts), [], []
     for one in pieces:
         others = columns.part([piece for piece in pieces if piece is not one])
-        found = _fitted(others, file, pi, sd, prior)
+        found = _fit_bodies(others, file, pi, sd, prior)
         here = columns.part([one])
         error.append(here.measured[0] - here.torques(*found)[0])
         moving.append(here.moving[0])
@@ -394,7 +394,7 @@ class _Columns:
         ]
 
 
-def _fitted(
+def _fit_bodies(
     columns: _Columns, file: np.ndarray, start: np.ndarray, sd: np.ndarray, prior: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bodies and friction of least weighted squares; friction is eliminated, since the torques are linear in it."""

@@ -127,14 +127,16 @@ def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: 
     rate = np.zeros((len(wide), len(reduction.i_e)))
     second = rate
     for _ in range(rounds + 1):
-        q = _deflected(reduction, sample, q, rate, second)
+        q = _solve_deflections(reduction, sample, q, rate, second)
         smooth = make_interp_spline(wide, q[:, reduction.i_e], k=min(7, len(wide) - 1))
         rate, second = smooth(wide, 1), smooth(wide, 2)
     motion = reduction.motion_through(sample, q, [smooth(wide, k) for k in (1, 2, 3, 4)])
     return Motion(*(getattr(motion, name)[inside] for name in ("q", "v", "a", "j", "s", "tau_g")))
 
 
-def _deflected(reduction: Reduction, sample: PathSample, q: np.ndarray, v_e: np.ndarray, a_e: np.ndarray) -> np.ndarray:
+def _solve_deflections(
+    reduction: Reduction, sample: PathSample, q: np.ndarray, v_e: np.ndarray, a_e: np.ndarray
+) -> np.ndarray:
     """Arm coordinates (n, n_a) on the path whose non-actuated rows hold with the given ``v_e``, ``a_e`` (n, n_e).
 
     Newton's method at all instants at once, for q, v_g and a_g; ``q``: where it starts.

@@ -29,7 +29,7 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, samples
-from flexgen.inversion.settling import settled
+from flexgen.inversion.settling import trim_after_settling
 from flexgen.runtime.path_inversion import TOLERANCE
 
 
@@ -55,7 +55,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
     )
-    solved = from_library(*settled(problem, found))
+    solved = from_library(*trim_after_settling(problem, found))
     start, end = found.unstable_zeros_start, found.unstable_zeros_end
     details = {**solved.details, "unstable_zeros_start": start, "unstable_zeros_end": end}
     return replace(solved, details=details, verdict=f"{start} unstable zeros at the end of the motion")

@@ -52,9 +52,9 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         if found is None:
             raise SolverError(f"move {path.move.name}: the path passes a singular pose; choose another path")
         motion = found
-    motion = replace(motion, tau_g=_differenced(motion.tau_g, step)) if kinks else motion
+    motion = replace(motion, tau_g=_differentiate(motion.tau_g, step)) if kinks else motion
     result = with_motors(equations, t, motion, preactuation=n_pre * step)
-    return replace(_ended(equations, result), warnings=slow_gears(problem)) if n_post else result
+    return replace(_append_equilibrium(equations, result), warnings=slow_gears(problem)) if n_post else result
 
 
 def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray, int]:
@@ -67,13 +67,13 @@ def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray,
     return np.r_[np.linspace(0.0, duration, n + 1), duration + duration / n * np.arange(1, n_post + 1)], n_post
 
 
-def _differenced(tau_g: np.ndarray, step: float) -> np.ndarray:
+def _differentiate(tau_g: np.ndarray, step: float) -> np.ndarray:
     """The gear torques (n, n_g, 3) with derivatives by differences over the samples."""
     tau = tau_g[:, :, 0]
     return np.stack([tau, time_derivative(tau, step), second_time_derivative(tau, step)], axis=2)
 
 
-def _ended(equations: Equations, result: MethodResult) -> MethodResult:
+def _append_equilibrium(equations: Equations, result: MethodResult) -> MethodResult:
     """The result with the equilibrium as its last sample."""
     end, motors = equilibrium_at(equations, result.q[-1]), result.motors
     last = {"q_m": end.q_m, "v_m": 0.0, "a_m": 0.0, "tau_m": end.tau_m}

@@ -90,7 +90,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     motion, doubtful = reduction.motion(sample, q, v_e)
     candidates = [motion] if motion is not None else []
     if doubtful:
-        candidates.append(_smoothed(reduction, sample, t, q, nodes, found.q_e))
+        candidates.append(_smooth_by_spline(reduction, sample, t, q, nodes, found.q_e))
     results = [
         with_motors(
             problem.equations,
@@ -108,7 +108,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     return min(results, key=lambda result: float(motion_residual(problem.equations, result).max()))
 
 
-def _smoothed(
+def _smooth_by_spline(
     reduction: Reduction, sample: PathSample, t: np.ndarray, q: np.ndarray, nodes: np.ndarray, q_e: np.ndarray
 ) -> Motion:
     """The motion whose non-actuated coordinates and derivatives are those of a spline through the solution."""

@@ -21,7 +21,7 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, samples
-from flexgen.inversion.settling import SETTLED, settled
+from flexgen.inversion.settling import SETTLED, trim_after_settling
 from flexgen.runtime.path_inversion import TOLERANCE
 
 LONGEST = 1e-2  # s: longest interval
@@ -48,7 +48,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         tolerance=TOLERANCE,
         settled=SETTLED * problem.accuracy,
     )
-    found, warnings = settled(problem, found)
+    found, warnings = trim_after_settling(problem, found)
     if problem.limits is not None:
         return enforce_limits(problem, found, samples_per_interval, TOLERANCE)
     return from_library(found, warnings)
