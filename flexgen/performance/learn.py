@@ -140,10 +140,7 @@ class Learned:
 
     def __str__(self) -> str:
         """The errors of all iterations."""
-        rows = [
-            f"  {k}: {format_size(e, self.unit)}{' (best)' if k == self.best else ''}"
-            for k, e in enumerate(self.errors)
-        ]
+        rows = [f"  {k}: {format_size(e, self.unit)}{' (best)' * (k == self.best)}" for k, e in enumerate(self.errors)]
         if self.measured_by != TRACKER:
             parts = zip(self.dynamic_errors, self.measured_errors, strict=True)
             u = self.unit
