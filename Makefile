@@ -116,6 +116,7 @@ golden: $(VENV)/.installed         ## write generated/elbow, the stub and tests/
 	$(BIN)/python cli.py generate elbow --no-build --force
 	$(BIN)/python tests/support/emitted_hashes.py
 	$(BIN)/python tests/support/public_stub.py
+	$(BIN)/python tests/support/room_picture.py
 	$(BIN)/python tests/support/public_face.py
 	$(BIN)/python tests/golden/test_model_files.py
 

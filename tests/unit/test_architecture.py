@@ -19,6 +19,7 @@ from pathlib import Path
 
 import pytest
 from public_stub import STUB, stub
+from room_picture import PICTURE, graph, graph_of, picture, reduced, rows_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -33,6 +34,7 @@ WINGS = (
     "observers",
     "performance",
     "planning",
+    "plausibility",
     "sweeps",
 )
 
@@ -75,7 +77,6 @@ FLOORS = {
     "library": 5,
     "inverse_kinematics": 6,
     "paths": 7,
-    "plausibility": 8,
     "simulation": 8,
     "inversion": 9,
     "loop": 10,
@@ -403,6 +404,20 @@ def test_packages_of_the_wheel_are_those_of_the_tree():
 
 def test_the_stub_has_the_public_names():
     assert STUB.read_text(encoding="utf-8") == stub(), "run: make golden"
+
+
+def test_the_picture_of_the_rooms_is_that_of_the_imports():
+    assert PICTURE.read_text(encoding="utf-8") == picture(), "run: make golden"
+
+
+def test_wings_in_the_picture_are_those_of_the_rules():
+    rows = rows_of(graph())
+    assert sorted([*rows[-3], *rows[-2]]) == sorted(WINGS)
+
+
+def test_planted_arrow_changes_the_picture():
+    planted = graph_of([("b", "a"), ("c", "b"), ("c", "a")], set())
+    assert reduced(planted)["c"] == {"b"} and reduced(planted | {"d": {"a"}})["d"] == {"a"}
 
 
 def test_import_of_the_command_line_loads_nothing_heavy():
