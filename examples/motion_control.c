@@ -2,7 +2,7 @@
  * The motion control system of a robot: a program of joint moves, lines and arcs, run at 1 kHz on the robot's own
  * equations of motion. It has all parts of a robot controller:
  *
- *   interpolator   the path of the program from its table (flexgen path), sampled a horizon ahead
+ *   interpolator   the path of the program from its table (flexgen plan), sampled a horizon ahead
  *   stream         inverse dynamics of the elastic robot, one update every 5 ms, done in five parts (planner.h)
  *   feedforward    torques for a drive that holds them for 1 ms and has them 1 ms late
  *   feedback       position and speed control of every motor, limited torques, no windup (controller.h)
@@ -20,7 +20,7 @@
  * Then the nominal run again, until 100 000 cycles were timed. The robot of a build is that of the header `robot.h`:
  *
  *   flexgen generate planar5_nmp
- *   flexgen path planar5_nmp --moves examples/program.toml --move seam --out generated/planar5_nmp/seam.h
+ *   flexgen plan planar5_nmp --moves examples/program.toml --move seam --out generated/planar5_nmp/seam.h
  *   cd generated/planar5_nmp
  *   cc -std=c99 -O2 -ffp-contract=off -I. -I../../examples/motion_control/planar5_nmp ../../examples/motion_control.c \
  *      $(find src -name '*.c') -lm -o motion_control && ./motion_control motion.csv

@@ -1,6 +1,6 @@
 """Rows of `flexgen.verbs`: verbs of the command line and their options, read from a text.
 
-    NAME [MODEL | MODEL?] | MODULE:FUNCTION of flexgen.cli | public function
+    NAME [MODEL | MODEL?] | MODULE:FUNCTION of flexgen.cli.verbs | public function | former name
         TITLE OF A SECTION OF THE HELP (arguments: positional arguments)
             NAME [PLACEHOLDER] [words]: help, of several lines where needed
 
@@ -61,6 +61,7 @@ class Verb:
     action: str
     function: str
     model: str
+    old: str = ""
     sections: dict[str, list[Option]] = field(default_factory=dict)
 
     def options(self) -> Iterator[Option]:
@@ -87,10 +88,10 @@ def verbs_of(rows: str, shared: str) -> dict[str, Verb]:
     for line in _joined(rows):
         verb = next(reversed(verbs.values()), None)
         if not line.startswith(" "):
-            head, action, function = [*(part.strip() for part in line.split("|")), ""][:3]
+            head, action, function, old = [*(part.strip() for part in line.split("|")), "", ""][:4]
             name, _, model = head.partition(" MODEL")
             kind = {"?": "optional", "": "required" if " MODEL" in head else "none"}[model]
-            verbs[name] = Verb(name, action, function, kind)
+            verbs[name] = Verb(name, action, function, kind, old)
         elif verb is not None and not line.startswith(8 * " "):
             verb.sections[line.strip()] = []
         elif verb is not None:

@@ -42,8 +42,8 @@ SHARED = """
     ignore_limits: report a solution beyond the limits of the model file as solved (for studies); without it the exit
         status is 3
 @time
-    time_limit SECONDS not_negative --time: time limit of each solve [s]: then, or after Ctrl-C, it ends with the best
-        solution so far (exit status 1, or 130); default: {default}; 0: no limit
+    time_limit SECONDS not_negative old=--time: time limit of each solve [s]: then, or after Ctrl-C, it ends with the
+        best solution so far (exit status 1, or 130); default: {default}; 0: no limit
 @report
     report DIR: write a self-contained HTML report to DIR
 @page
@@ -134,7 +134,7 @@ solve MODEL | solve:solve | solve
         @report
         robustness: with --report: also simulate robots with stiffness errors of 5 and 20 % and mass errors of 5 %
             (takes minutes)
-path MODEL | path:path | plan
+plan MODEL | path:path | plan | path
     motion
         move NAME once: a move or program of the model file; default: the first
         @moves
@@ -169,7 +169,7 @@ excite MODEL | identify:excite | excite
         lines N whole_1: number of frequencies; default: {default}
         spectrum POWER spectrum: speeds rise with this power of the frequency, or 'optimal': half of the power where it
             tells most; default: {default}
-        period_s S positive --period: of the excitation [s]; default: {default}
+        period_s S positive old=--period: of the excitation [s]; default: {default}
         periods N whole_1: that are measured; default: {default}
         transients N whole_0: periods before them that are not; default: {default}
         realizations N whole_1: of the random phases; default: {default}; 6 with friction
@@ -236,7 +236,7 @@ control MODEL | control:control | control
         disturbances KIND:WHERE=SIZE@START+LENGTH disturbance several --disturb: step, pulse, ramp, chirp or noise on a
             motor [N m] or on the tool (tool.x [N], tool.rz [N m], world axes), times in s; chirp and noise: ,LOW-HIGH
             in Hz; such as pulse:tool.x=300@0.4+0.02; may be repeated
-        no_torque_limits --no-limits: do not limit the torques to those of the model file
+        no_torque_limits old=--no-limits: do not limit the torques to those of the model file
     closed loop
         @loop
         encoder_resolution RAD not_negative: of the motor angles [rad]; default: {default}
@@ -252,8 +252,8 @@ learn MODEL | control:learn | learn
     learning
         iterations N whole_1: at most; default: {default}
         gain X positive: of the correction; default: {default}
-        frequency_hz HZ positive --frequency: of the low pass; default: 0.7 of the lowest natural frequency with locked
-            motors
+        frequency_hz HZ positive old=--frequency: of the low pass; default: 0.7 of the lowest natural frequency with
+            locked motors
         measured_by in=tracker/accelerometer: the tool error: by a tracker, or estimated from accelerometers and motor
             angles, which do not show errors at rest; default: {default}
     motion
@@ -267,7 +267,7 @@ fastest MODEL | control:fastest | fastest
     motion
         move NAME: a move of the model file, not a program; default: the first
         coefficients N whole_4: of the time law, 4 to 60; default: {default}
-        time_limit SECONDS not_negative --time: time limit of the search [s]; default: {default}; 0: no limit
+        time_limit SECONDS not_negative old=--time: time limit of the search [s]; default: {default}; 0: no limit
     bounds
         torque X_... numbers: limits of the motor torques [N m], one for all or one for each; default: those of the
             model file, and where it has none the largest torque of the move as it is given
@@ -321,7 +321,7 @@ export fmu MODEL | export_fmu:fmu | export_fmu
         look_ahead S positive: horizon of the feedforward [s]; default: from the unstable zeros
     files
         out FILE: write to this file (.fmu); default: generated/MODEL.fmu
-        no_binary --sources-only: without a binary for this platform
+        no_binary old=--sources-only: without a binary for this platform
 export mujoco MODEL | exchange:mujoco | export_mujoco
     content
         friction NAME in=exact/viscous/dry: exact (the default): a model with Coulomb or Stribeck friction is refused;
@@ -347,7 +347,7 @@ export ros2 MODEL | export_controllers:ros2 | export_ros2
     package.xml
         maintainer TEXT: name for package.xml; default: {default}
         email TEXT: address for package.xml; default: {default}
-        license_name TEXT --license: license for package.xml; default: {default}
+        license_name TEXT old=--license: license for package.xml; default: {default}
     files
         out DIR once old=--directory: where to write; default: exports/<package>
         @replace

@@ -85,6 +85,9 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
     UsageError
         It is wrong; the message suggests the verb, value or option that was probably meant.
     """
+    former = {verb.old: verb.name for verb in VERBS.values() if verb.old}
+    new = former.get(words[0], "") if words else ""
+    words = [new, *words[1:]] if new else words
     only = words[0] if words and words[0] != "completion" else None  # completion is a text of all verbs
     args, unknown = build_parser(only).parse_known_args(words)
     if unknown:
@@ -93,6 +96,9 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
         hint = here.hint(words, unknown, parser)
         here.error(f"unknown arguments {' '.join(unknown)}, see '{here.prog} --help'{hint}")
     row: Verb | None = getattr(args, "row", None)
+    if new:
+        note = f"{next(old for old in former if former[old] == new)} is the old name of {new}, please use the new one"
+        args.notes = [*getattr(args, "notes", ()), note]
     if row is not None:
         defaults = defaults_of(row.function) if row.function else {}
         names = {option.parameter: option for option in row.options()}

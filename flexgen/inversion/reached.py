@@ -11,7 +11,7 @@ from flexgen.errors import SolverError
 from flexgen.inversion.solution import INTERRUPTED, Solution
 from flexgen.inversion.status import Status
 
-ADVICE = "allow more with --time SECONDS (time_limit=), or take a coarser --mesh, a shorter move or --method lq"
+ADVICE = "allow more with --time-limit SECONDS (time_limit=), or take a coarser --mesh, a shorter move or --method lq"
 
 
 @dataclass

@@ -34,5 +34,5 @@ class Status(ExplainedStatus):
         "tolerance not met",
         "The verification found an error above the tolerance, or the computation was ended before it was complete.",
         "Do not use the torques; take --method auto or lq, else a smoother or slower move, a finer --mesh, a longer "
-        "--preview, or more time with --time.",
+        "--preview, or more time with --time-limit.",
     )

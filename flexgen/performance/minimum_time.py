@@ -212,7 +212,7 @@ def fastest(
     except OutOfTime as error:
         raise SolverError(
             f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with time_limit= "
-            "(--time SECONDS), or take fewer coefficients"
+            "(--time-limit SECONDS), or take fewer coefficients"
         ) from None
 
 

@@ -152,7 +152,7 @@ def test_c_of_the_pages_runs(page, tmp_path):
         model = re.findall(r"-Igenerated/(\w+)", command)[0]
         with contextlib.chdir(tmp_path), contextlib.redirect_stdout(io.StringIO()):
             assert main(["generate", model, "--quiet"]) == 0
-            for line in re.findall("^flexgen path .*--out.*$", text, re.MULTILINE):  # a header of the program
+            for line in re.findall("^flexgen plan .*--out.*$", text, re.MULTILINE):  # a header of the program
                 assert main(line.split()[1:]) == 0
         source = re.findall(r"reports/\w+\.c", command)[0]
         (tmp_path / source).write_text(code)

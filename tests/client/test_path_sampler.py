@@ -204,7 +204,7 @@ def test_a_c_program_reads_the_header(tmp_path) -> None:
     """The header that the command line writes, included by a controller: bits of the samples."""
     header = tmp_path / "line.h"
     answer = run(
-        *(sys.executable, "-m", "flexgen", "path", "planar5_nmp", "--move", "line", "--out", header, "--json"),
+        *(sys.executable, "-m", "flexgen", "plan", "planar5_nmp", "--move", "line", "--out", header, "--json"),
         folder=tmp_path,
     )
     path = case("planar5_nmp", "line")

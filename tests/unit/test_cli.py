@@ -461,7 +461,7 @@ def test_usage(run):
 def test_help(run):
     status, text, _ = run("--help")
     assert status == 0 and run() == (0, text, "")
-    for verb in ("models", "describe", "derive", "analyze", "generate", "solve", "path", "simulate", "run"):
+    for verb in ("models", "describe", "derive", "analyze", "generate", "solve", "plan", "simulate", "run"):
         assert verb in text
         status, own, _ = run(verb, "--help")
         assert status == 0 and "--json" in own

@@ -36,7 +36,7 @@ def test_control_in_json(capsys):
 def test_an_unstable_loop_fails(tmp_path, capsys):
     (tmp_path / "hot.toml").write_text('type = "cascade"\nposition_gain = [900.0, 900.0]\n'
                                        "speed_gain = [900.0, 900.0]\nintegral_gain = [0.0, 0.0]\n")  # fmt: skip
-    words = ["control", "planar5_nmp", "-q", "--no-limits", "--controller", str(tmp_path / "hot.toml")]
+    words = ["control", "planar5_nmp", "-q", "--no-torque-limits", "--controller", str(tmp_path / "hot.toml")]
     assert main([*words, "--encoder-noise", "1e-4"]) == 1
     assert "failed: nominal" in capsys.readouterr().err
 

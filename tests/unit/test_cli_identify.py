@@ -22,7 +22,7 @@ NOISE = ["--encoder-noise", "1e-4", "--torque-noise", "0.02"]
 def folder(tmp_path_factory):
     """Plan and experiment on a robot with one other spring."""
     folder = tmp_path_factory.mktemp("identify")
-    words = ["excite", "planar5_nmp", "--poses", "3", "--period", "2", "--lines", "30", "--speed-rms", "0.02", *NOISE]
+    words = ["excite", "planar5_nmp", "--poses", "3", "--period-s", "2", "--lines", "30", "--speed-rms", "0.02", *NOISE]
     assert main([*words, "--out", str(folder / "plan.npz"), "--references", str(folder / "references"), "-q"]) == 0
     assert len(list((folder / "references").glob("*.csv"))) == 6
     assert (

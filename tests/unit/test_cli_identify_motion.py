@@ -91,7 +91,7 @@ def test_segments_from_the_command_line(tmp_path, capsys):
     (tmp_path / "robot.toml").write_text(text)
     plan, data, raw = (str(tmp_path / name) for name in ("plan.npz", "data.npz", "raw"))
     robot = str(tmp_path / "robot.toml")
-    assert main(["excite", robot, "--poses", "1", "--period", "1", "--f-max", "60", "--out", plan, "-q"]) == 0
+    assert main(["excite", robot, "--poses", "1", "--period-s", "1", "--f-max", "60", "--out", plan, "-q"]) == 0
     truth = str(tmp_path / "truth.toml")
     exact = {p.name: 0.9 * p.value for p in select(model, ["stiffness"])}
     flexgen_text = text

@@ -82,7 +82,9 @@ def test_starts_of_a_fit_out_of_range_are_refused():
 @needs_compiler
 def test_the_search_for_the_fastest_motion_ends_at_its_time_limit():
     began = perf_counter()
-    with pytest.raises(SolverError, match=r"fastest: the time limit of 0.5 s is over .*time_limit= \(--time SECONDS\)"):
+    with pytest.raises(
+        SolverError, match=r"fastest: the time limit of 0.5 s is over .*time_limit= \(--time-limit SECONDS\)"
+    ):
         flexgen.fastest("planar5_nmp", vibration=1e-9, coefficients=60, time_limit=0.5, progress=False)
     assert perf_counter() - began < 30.0
     with pytest.raises(ArgumentError, match="time_limit: given -1, expected a time >= 0"):

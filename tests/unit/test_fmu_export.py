@@ -191,22 +191,20 @@ def test_without_a_compiler(monkeypatch, tmp_path):
     monkeypatch.setattr(export_module, "find_compiler", lambda **options: None)
     old = tmp_path / "robot.fmu"
     old.write_bytes(b"before")
-    with pytest.raises(BuildError, match="binary=False in Python, --sources-only on the command line"):
+    with pytest.raises(BuildError, match="binary=False in Python, --no-binary on the command line"):
         flexgen.export_fmu("four_mass", old)
     assert old.read_bytes() == b"before"
 
 
 def test_the_command(tmp_path, capsys):
     path = tmp_path / "robot.fmu"
-    assert (
-        main(["export", "fmu", "four_mass", "--fmi", "3.0", "--sources-only", "--out", str(path), "--json", "-q"]) == 0
-    )
+    assert main(["export", "fmu", "four_mass", "--fmi", "3.0", "--no-binary", "--out", str(path), "--json", "-q"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["version"] == "3.0" and data["binary"] is None and path.exists()
     assert {"name": "motor.m1.torque", "reference": 3000, "causality": "input", "unit": "N.m", "start": 0.0} in [
         {key: v[key] for key in ("name", "reference", "causality", "unit", "start")} for v in data["variables"]
     ]
-    words = ["export", "fmu", "four_mass", "--block", "controller", "--sources-only", "--out", str(path), "-q"]
+    words = ["export", "fmu", "four_mass", "--block", "controller", "--no-binary", "--out", str(path), "-q"]
     assert main(words) == 0 and "motor.m1.position_gain" in capsys.readouterr().out
     assert main(["export", "fmu", "four_mass", "--controller", "x.toml"]) == 1
     assert "--controller: given with --block plant, expected with --block controller only" in " ".join(

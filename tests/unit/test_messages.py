@@ -48,7 +48,7 @@ def test_the_command_line_does_not_repeat_long_input(words, capfd):
 def test_the_command_line_prints_no_control_characters(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     name = "\x1b[31mred\x07\x9b.h"
-    assert main(["path", "elbow", "--out", name]) == 0
+    assert main(["plan", "elbow", "--out", name]) == 0
     assert main(["--json", "describe", "\x1b[31m"]) == 2 and main(["describe", "a\x1b]0;title\x07"]) == 1
     told = capfd.readouterr()
     assert (tmp_path / name).exists() and r"\x1b[31mred\x07\x9b.h" in told.out
@@ -73,7 +73,7 @@ def test_a_wrong_backend_of_matplotlib_is_named():
 
 def test_a_path_header_does_not_replace_a_file_of_the_user(tmp_path, capfd):
     own = write_text(tmp_path / "notes.h", "my notes\n")
-    words = ["path", "elbow", "--out"]
+    words = ["plan", "elbow", "--out"]
     assert main([*words, str(own)]) == 1 and own.read_text() == "my notes\n"
     assert "a file that flexgen did not write" in capfd.readouterr().err
     new = tmp_path / "line.h"

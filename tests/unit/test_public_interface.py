@@ -122,7 +122,7 @@ def test_move_beyond_the_range_of_a_joint_is_refused_and_more_time_is_not_advise
         with pytest.raises(SolverError, match=rf"coordinate x goes to {far}, its range is -1 to 1 m; choose another"):
             flexgen.plan(str(file), move)
         assert flexgen.plan(str(file), move, ignore_limits=True).duration == 2.0
-        assert main(["path", str(file), "--move", move]) != 0
+        assert main(["plan", str(file), "--move", move]) != 0
         assert "choose another target or path" in capsys.readouterr().err
     assert main(["solve", str(file), "--move", "far"]) == 3
     told = capsys.readouterr().err

@@ -71,7 +71,7 @@ def test_a_solve_ends_at_its_time_limit_whenever_that_is(method: str, clock: Clo
         try:
             solution = flexgen.solve(model_of(method), method=method, time_limit=float(limit), progress=False)
         except SolverError as error:
-            assert f"the time limit of {limit:g} s ended in: " in str(error) and "--time" in str(error)
+            assert f"the time limit of {limit:g} s ended in: " in str(error) and "--time-limit" in str(error)
             continue
         found += 1
         assert solution.status is flexgen.Status.TOLERANCE_NOT_MET and not solution.interrupted
@@ -147,7 +147,7 @@ def test_the_command_line_writes_what_was_reached(tmp_path, capfd, monkeypatch) 
 
 
 def test_the_time_limit_of_the_command_line(capfd, clock: Clock) -> None:
-    assert main(["solve", "elbow", "--time", "1"]) == 1
+    assert main(["solve", "elbow", "--time-limit", "1"]) == 1
     assert "the time limit of 1 s ended in: " in capfd.readouterr().err
 
 

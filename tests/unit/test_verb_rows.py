@@ -8,6 +8,7 @@ import pytest
 
 import flexgen
 from flexgen.cli.defaults import defaults_of
+from flexgen.cli.parser import parse
 from flexgen.verb_rows import Verb, verbs_of
 from flexgen.verbs import VERBS, choices_of
 
@@ -19,7 +20,7 @@ OPTIONS = {
     ("derive", "latex"): "text and LaTeX are made by flexgen.equations_text",
     ("analyze", "move"): "Python takes the planned path",
     ("solve", "moves"): "flexgen.read_moves reads a file",
-    ("path", "moves"): "flexgen.read_moves reads a file",
+    ("plan", "moves"): "flexgen.read_moves reads a file",
     ("solve", "robustness"): "a part of the report",
     ("sweep", "parquet"): "SweepResult.results.save",
     ("excite", "sample_time"): "a field of DriveHardware",
@@ -42,6 +43,13 @@ OPTIONS = {
     ("score", "scenario"): "the parameter is name",
     ("tune", "scenario"): "the parameter is name",
     ("view", "robot"): "the parameter is model; MODEL is what is shown",
+}
+# Options with another name than the parameter, with the reason.
+WORDS = {
+    ("generate", "parts"): "reads as a sentence: generate MODEL --with bvp",
+    ("control", "plants"): "one robot for each --plant",
+    ("control", "disturbances"): "one for each --disturb",
+    ("export fmu", "version"): "--version is of flexgen",
 }
 # Options whose value is another one than that of the parameter, with the reason.
 VALUES = {
@@ -89,6 +97,31 @@ def test_a_switch_off_is_of_a_parameter_that_is_on(name):
     for option in VERBS[name].options():
         if option.parameter in defaults and not option.takes_value and (name, option.name) not in VALUES:
             assert defaults[option.parameter] is option.name.startswith("no_"), option.name
+
+
+def test_each_option_with_another_name_than_its_parameter_has_a_reason():
+    assert {(verb.name, option.name) for verb in VERBS.values() for option in verb.options() if option.word} == set(
+        WORDS
+    )
+
+
+FORMER = [(verb.name, option, old) for verb in VERBS.values() for option in verb.options() for old in option.old]
+
+
+@pytest.mark.parametrize(("verb", "option", "old"), FORMER, ids=[f"{verb} {old}" for verb, _, old in FORMER])
+def test_a_former_option_is_accepted_with_a_note(verb, option, old):
+    word, _, value = old.partition("=")
+    required = [w for o in VERBS[verb].options() if o.required for w in (o.option, "x")]
+    args = parse([*verb.split(), "elbow", *required, word, *(["1"] if option.takes_value and not value else [])])
+    assert args.notes == [
+        f"{word} is the old name of {' '.join(filter(None, (option.option, value)))}, please use the new one"
+    ]
+    assert option.parameter in args.given and (not value or getattr(args, option.parameter) == value)
+
+
+def test_the_former_name_of_a_verb_is_accepted_with_a_note():
+    args = parse(["path", "elbow", "--move", "line"])
+    assert args.verb == "plan" and args.notes == ["path is the old name of plan, please use the new one"]
 
 
 def test_choices_contain_the_default():

@@ -215,7 +215,7 @@ def _compiler() -> Compiler:
     if found is None:
         raise BuildError(
             "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; install one (such as the package "
-            "gcc), or write the sources only: binary=False in Python, --sources-only on the command line"
+            "gcc), or write the sources only: binary=False in Python, --no-binary on the command line"
         )
     return found
 
