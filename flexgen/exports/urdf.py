@@ -24,22 +24,17 @@ import numpy as np
 
 from flexgen.atomic_files import followed, staging_folder, unwritable, write_text
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.exports.overlay_tables import (
-    beam_or_drag,
-    dof_table,
-    motor_table,
-    output_table,
-    pose_table,
-    sensor_table,
-    toml,
-)
+from flexgen.exports.overlay_tables import beam_or_drag, output_table, sensor_table, toml
 from flexgen.exports.poses import roll_pitch_yaw
 from flexgen.exports.xml_text import add, document
 from flexgen.model.elements import Body, Dof, Element, RobotModel
+from flexgen.model.format_devices import MOTOR
+from flexgen.model.format_robot import BODY, DOF, PLACEMENT
 from flexgen.model.moves import Move, Program
 from flexgen.model.reader import read
 from flexgen.model.urdf_source import source_files
 from flexgen.ports import identifier_problem
+from flexgen.spec.schema import write
 from flexgen.spec.tables import show
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
@@ -280,10 +275,10 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
     data: dict[str, Any] = {"name": model.name}
     data |= {key: value for key in ("description", "source") if (value := getattr(model, key))}
     data |= {"gravity": model.gravity, "motor_coupling": model.motor_coupling, "home_rad": model.home}
-    data["base"] = pose_table(model.base)
-    data["tool"] = pose_table(model.tool)
+    data["base"] = write(PLACEMENT, model.base)
+    data["tool"] = write(PLACEMENT, model.tool)
     if model.payload.mass:
-        data["payload"] = body_table(model.payload)
+        data["payload"] = write(BODY, model.payload) | ({"inertia_reduced": True} if _reduced(model.payload) else {})
     data["output"] = output_table(model)
     lines = [f"# {model.title}{_WRITTEN_BY}{__version__}: what {file} cannot contain"]
     lines += [f"{key} = {toml(value)}" for key, value in data.items() if value not in ({}, ())]
@@ -292,15 +287,15 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
     for step in steps:
         if step.dof is not None:
             lines += ["", f"[joint.{step.dof.name}]"]
-            table = {key: value for key, value in dof_table(step.dof).items() if key not in ("name", "type", "axis")}
-            table |= {key: [dof_table(d) for d in group] for key, group in _more(step) if group}
+            table = {key: value for key, value in write(DOF, step.dof).items() if key not in ("name", "type", "axis")}
+            table |= {key: [write(DOF, d) for d in group] for key, group in _more(step) if group}
             lines += [f"{key} = {toml(value)}" for key, value in table.items()]
         if _reduced(step.body):
             lines += ["", f"[link.{step.link}]", "inertia_reduced = true"]
     shifts = {element.name: _shift(element) for element in model.elements}
     fixed = {step.link for step in steps if step.dof is None}
     for kind, tables in (
-        ("motor", [motor_table(motor) for motor in model.motors]),
+        ("motor", [write(MOTOR, motor) for motor in model.motors]),
         ("sensor", [sensor_table(sensor, shifts) for sensor in model.sensors]),
         *_tasks(model, folder).items(),
     ):
@@ -320,16 +315,6 @@ def _more(step: Step) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
 def _shift(element: Element) -> np.ndarray:
     """The body frame in the frame of the link of the URDF file."""
     return np.array(element.link.rotation).T @ np.array(element.link.position)
-
-
-def body_table(body: Body) -> dict[str, Any]:
-    """A body as a table of a model file."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
-    moments = [xx, yy, zz, xy, yz, xz]
-    table: dict[str, Any] = {"mass": body.mass, "com": body.com}
-    if any(moments):
-        table["inertia"] = moments
-    return table | ({"inertia_reduced": True} if _reduced(body) else {})
 
 
 def _reduced(body: Body) -> bool:

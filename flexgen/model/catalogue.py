@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from flexgen.errors import FlexgenError, ModelError
-from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel, Spring
-from flexgen.model.friction_laws import law_name
+from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel
+from flexgen.model.format_robot import GEAR, JOINT_SPRING, friction
 from flexgen.model.reader import model_names, read
+from flexgen.spec.schema import write
 from flexgen.type_checks import checked_types
 
 
@@ -160,21 +160,12 @@ def describe(
     }
 
 
-def _spring(spring: Spring) -> dict[str, Any]:
-    kind = type(spring).__name__.removesuffix("Spring").lower()
-    return {"type": kind, **dataclasses.asdict(spring)}
-
-
-def _friction(friction: Friction) -> dict[str, Any] | None:
-    given = {key: value for key, value in dataclasses.asdict(friction).items() if value != 0.0}
-    kind = law_name(friction)
-    return ({"type": kind} if type(friction) is not Friction else {}) | given if given else None
+def _friction(law: Friction) -> dict[str, Any] | None:
+    return write(friction(), law) if law != type(law)() else None
 
 
 def _gear(gear: Gear) -> dict[str, Any]:
-    if gear.spring is None:
-        return {"type": "rigid"}
-    return {"type": "elastic", "side": gear.side, "spring": _spring(gear.spring), "damping": gear.damping}
+    return write(GEAR, gear) | ({} if gear.rigid else {"damping": gear.damping})
 
 
 def _coordinate(coordinate: Coordinate) -> dict[str, Any]:
@@ -193,7 +184,7 @@ def _dof(dof: Dof) -> dict[str, Any]:
     return {
         "axis": list(dof.axis),
         "gear": None if dof.gear is None else _gear(dof.gear),
-        "spring": None if dof.spring is None else _spring(dof.spring),
+        "spring": None if dof.spring is None else write(JOINT_SPRING, dof.spring),
         "damping": dof.damping if dof.spring is not None else None,
         "friction": _friction(dof.friction),
         "lower": dof.lower,

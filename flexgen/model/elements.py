@@ -90,7 +90,7 @@ Spring = LinearSpring | CubicSpring | SmoothSpring | PiecewiseSpring | BacklashS
 def friction_key(unit: str, doc: str = "", *, signed: bool = False, needs: str = "") -> Any:
     """A number of a friction law, which is also a key of the model file, 0 by default.
 
-    ``unit`` is that of a rotation; ``[]`` in the text stands for it. A number that is not ``signed`` must be >= 0.
+    ``unit`` is that of a rotation; ``[]`` in the text is replaced by it. A number that is not ``signed`` must be >= 0.
     ``needs`` names another number that must be > 0 where this one is not 0.
     """
     return field(default=0.0, metadata={"unit": unit, "doc": doc, "signed": signed, "needs": needs})

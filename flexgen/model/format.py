@@ -52,7 +52,7 @@ from flexgen.spec.tables import IDENTIFIER, Table
 
 _COMPLETE = "complete: rotors also turn with the bodies that carry them"
 _LOAD = "load, in the frame of the tip of the last element; com: by default at the tool"
-_SENSORS = "sensors beside the motor encoders"
+_SENSORS = "sensors in addition to the motor encoders"
 MODEL = Format(
     "robot model of flexgen",  # keys in the order of reading
     (

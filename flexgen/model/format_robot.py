@@ -169,18 +169,14 @@ def _body(inertia_reduced: bool, **values: Any) -> Body:
     return Body(**values)
 
 
+_INERTIA = Type(_read_inertia, vector(3, 6).schema, write=_write_inertia)
+_TENSOR = "inertia about the center of mass []: xx, yy, zz, optionally xy, yz, xz"
 REDUCED = "the largest principal moment may exceed the sum of the others"
 BODY = Format(
     "rigid body",
     (
         Key("mass", number(least=0.0), "mass", "kg"),
-        Key(
-            "inertia",
-            Type(_read_inertia, vector(3, 6).schema, write=_write_inertia),
-            "inertia about the center of mass []: xx, yy, zz, optionally xy, yz, xz",
-            "kg m^2",
-            Body().inertia,
-        ),
+        Key("inertia", _INERTIA, _TENSOR, "kg m^2", Body().inertia),
         Key("inertia_reduced", flag(), f"{REDUCED} (regrouped tensors)", default=False, check=_check_inertia),
         Key("com", vector(3), "center of mass in the body frame", "m", _default_com),
         Key("rotational_drag", number(least=0.0), "damping of the absolute rotation", "N m s/rad", 0.0),
@@ -309,6 +305,7 @@ COUNTERBALANCE = Format(
     "counterbalance: torque on the arm by the angle",
     (_HARMONIC, replace(_HARMONIC, name="cos", doc="torques of cos(k q), k = 1, 2, ...", check=_read_balance)),
     make=_balance,
+    take=lambda pairs: dict(zip(("sin", "cos"), zip(*pairs, strict=True), strict=True)),
     definition="counterbalance",
 )
 
@@ -392,7 +389,7 @@ def _name_modes(table: Table, here: Context) -> None:
         taken[name] = table
 
 
-def _check_ratio_of_damping(table: Table, here: Context) -> None:
+def _check_ratio(table: Table, here: Context) -> None:
     if here.values["damping_ratio"] >= 1.0:
         raise table.fail("damping_ratio", "a number >= 0 and below 1")
 
@@ -402,13 +399,7 @@ BENDING = Format(
     (
         Key("direction", choice("y", "z"), "axis of the deflection, across the beam", check=_check_direction),
         Key("modes", whole(1, 8), "number of modes", check=_name_modes),
-        Key(
-            "damping_ratio",
-            number(least=0.0),
-            "damping ratio of each mode, below 1",
-            default=0.0,
-            check=_check_ratio_of_damping,
-        ),
+        Key("damping_ratio", number(least=0.0), "damping ratio of each mode, below 1", "", 0.0, check=_check_ratio),
         Key("stiffness", number(above=0.0), "flexural stiffness EI", "N m^2"),
     ),
     make=Bending,

@@ -83,13 +83,13 @@ OUTPUT = Kinds(
         "tool_position": Format(
             "position of the tool",
             (Key("axes", text(pattern="^(?=.)x?y?z?$"), _AXES, default="xyz", check=_check_axes),),
-            partial(Output, "tool_position"),
+            Output,
         ),
-        "tool_pose": Format("position and orientation of the tool", (), partial(Output, "tool_pose", unit="mixed")),
+        "tool_pose": Format("position and orientation of the tool", (), partial(Output, unit="mixed")),
         "joint": Format(
             "arm coordinates",
             (Key("joints", Type(_read_joints, words().schema), "the arm coordinates that are the outputs"),),
-            lambda joints: joints,
+            lambda type, joints: joints,
         ),
         "combination": Format(
             "weighted sums",
@@ -97,9 +97,10 @@ OUTPUT = Kinds(
                 Key("rows", _ROWS, "weighted sums of arm coordinates, one an output", attribute="weights"),
                 Key("unit", choice("m", "rad", "mixed"), "unit of the outputs"),
             ),
-            partial(Output, "combination", ""),
+            partial(Output, axes=""),
         ),
     },
+    typed=True,
 )
 
 
@@ -367,7 +368,7 @@ _LEGS = Key("legs", listed(LEG, plural=False), "lines and arcs")
 
 
 def _of_tool(doc: str, *keys: Key) -> Format:
-    return Format(doc, (_START, *_time(), RADIUS_KEY, *keys), Move, _needs_tool, where=True)
+    return Format(doc, (_START, *_time(), RADIUS_KEY, *keys), Move, before=_needs_tool, where=True)
 
 
 MOVE = Kinds(

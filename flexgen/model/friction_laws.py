@@ -23,12 +23,6 @@ def friction_law(name: str) -> type[Friction]:
     return law
 
 
-def law_name(friction: Friction) -> str:
-    """The ``type`` of a friction."""
-    own = next((name for name, law in FRICTION_LAWS.items() if law is type(friction)), None)
-    return own or next(name for name in added_names("frictions") if friction_law(name) is type(friction))
-
-
 def added_sources(model: RobotModel) -> list[Path]:
     """The files with the friction laws of other packages that a model has."""
     laws = {type(c.dof.friction) for c in model.coordinates if c.dof is not None} | {

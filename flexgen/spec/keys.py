@@ -57,7 +57,7 @@ class Key:
 
     name: str  # without _rad and _deg
     type: Type
-    doc: str = ""  # what it is; [] stands for the unit, which else is put at the end
+    doc: str = ""  # what it is; [] is replaced by the unit, which else is put at the end
     unit: str = ""
     default: Any = REQUIRED  # a value, or a function of table and context that gives a value or REQUIRED
     note: str = ""  # in the message of a wrong value; by default the unit
@@ -96,6 +96,7 @@ class Format:
     doc: str
     keys: tuple[Key, ...]
     make: Callable[..., Any] = dict  # makes an object of the values, which are given by keyword
+    take: Callable[[Any], Mapping[str, Any]] = vars  # the values of an object, by attribute
     before: Check | None = None  # checks the table before its keys are read
     where: bool = False  # whether the object gets the position in the file too
     either: Mapping[str, Sequence[str]] = field(default_factory=dict)  # one of these keys, with those that go with it

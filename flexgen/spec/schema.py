@@ -61,11 +61,13 @@ def write(form: Form | Callable[[], Form], value: Any) -> dict[str, Any]:
         kind = form.kind_of(value)
         out, own = {"type": kind} if kind != form.default else {}, form.kinds[kind]
         form = replace(own, keys=(*form.shared, *own.keys))
+    values = form.take(value)
     for key in form.keys:
-        found = getattr(value, key.field, None)
-        if found is not None and found != key.default:
-            inner = key.type.form
-            if inner is not None:
-                found = [write(inner, item) for item in found] if key.type.many else write(inner, found)
-            out[key.names[0]] = key.type.write(found)
+        found = values.get(key.field)
+        if found is None or found == key.default:
+            continue
+        inner = key.type.form
+        if inner is not None:
+            found = [write(inner, item) for item in found] if key.type.many else write(inner, found)
+        out[key.names[0]] = key.type.write(found)
     return out

@@ -55,7 +55,7 @@ def parse(text: str, file: str = "") -> Entry:
 
 @lru_cache(maxsize=8)  # the same few models are read again and again
 def _parsed(text: str, file: str) -> Entry:
-    """The tree of a text, which nobody changes."""
+    """The tree of a text, which is never changed."""
     text = text.replace("\r\n", "\n")
     for number, row in enumerate(text.split("\n"), 1):
         if len(row) > WIDTH:
@@ -97,7 +97,7 @@ def plain_table(text: str) -> dict[str, Any]:
 
 
 def _leaves(data: Any, path: Path) -> Iterator[tuple[Path, Any]]:
-    """Values that are no tables or lists, with their paths."""
+    """Values other than tables and lists, with their paths."""
     if isinstance(data, dict | list):
         for key, value in data.items() if isinstance(data, dict) else enumerate(data):
             yield from _leaves(value, (*path, key))
