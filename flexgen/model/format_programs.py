@@ -89,6 +89,8 @@ _VIA = Type(
     lambda table, key, here: table.vector(key.name, 3, what=_OF_WORLD if _absolute(table) else _OF_STEP),
     vector(3).schema,
 )
+_SPEED = Type(_read_size, number(above=0.0).schema, angle=True)
+_ZONE = Type(_read_size, number(least=0.0).schema, angle=True)
 STEP = Kinds(
     "step",
     {
@@ -97,16 +99,8 @@ STEP = Kinds(
             (
                 replace(_PAUSE, check=check_end),
                 *end_of_joints("where the step ends"),
-                Key(
-                    "speed", Type(_read_size, number(above=0.0).schema, angle=True), "largest joint speed", "rad", None
-                ),
-                Key(
-                    "zone",
-                    Type(_read_size, number(least=0.0).schema, angle=True),
-                    "distance from the end at which the rounding begins",
-                    "rad",
-                    0.0,
-                ),
+                Key("speed", _SPEED, "largest joint speed", "rad/s", None),
+                Key("zone", _ZONE, "distance from the end at which the rounding begins", "rad", 0.0),
             ),
             make=partial(with_target, MoveJ),
             where=True,
