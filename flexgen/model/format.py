@@ -11,6 +11,7 @@ from flexgen.model.format_robot import (
     BALANCE,
     BODY,
     COUNTERBALANCE,
+    DAMPING,
     DOF,
     ELEMENT,
     FRICTION,
@@ -20,7 +21,6 @@ from flexgen.model.format_robot import (
     RATES,
     REDUCED,
     SPRING,
-    UNIT_OF_DAMPING,
     check_size,
     friction,
     limits,
@@ -78,7 +78,7 @@ _SET = Type(lambda table, key, here: table.table(key.name), {"type": "object"})
 VARIANT = Format(
     "changes",
     (
-        Key("description", text(), "one line", default=""),
+        MODEL["description"],
         Key("set", _SET, 'new values by dotted path, such as "element.arm1.dof.q1.gear.damping" = 0.0', default=None),
         Key("remove", words(), "dotted paths of keys that are removed before", default=()),
     ),
@@ -116,10 +116,10 @@ _EXTRA = "degrees of freedom {} the joint, at the same point"
 JOINT = Format(
     "joint of the URDF file",
     (
-        Key("rename", name(), "name of the coordinate", default=None),
+        Key("rename", name(), DOF.shared[0].doc, default=None),
         Key("gear", sub(GEAR), "gear of the joint; default: rigid", default=None),
         Key("spring", sub(JOINT_SPRING), "spring instead of a gear: no motor", default=None),
-        Key("damping", number(least=0.0), "damping in parallel with the spring", UNIT_OF_DAMPING, default=0.0),
+        DAMPING,
         replace(FRICTION, doc="instead of <dynamics>"),
         replace(BALANCE, doc="torque by the angle, of a rotation"),
         _LIMITS,
@@ -134,7 +134,7 @@ JOINT = Format(
 LINK = Format(
     "link of the URDF file",
     (
-        Key("rename", name(), "name of the element", default=None),
+        Key("rename", name(), ELEMENT["name"].doc, default=None),
         Key("body", sub(BODY.without("rotational_drag")), "instead of <inertial>", default=None),
         Key("inertia_reduced", flag(), REDUCED, default=False),
     ),

@@ -194,7 +194,7 @@ def _either(unit: str) -> str:
     return f"{unit} or {unit.replace('N m', 'N').replace('rad', 'm')}"
 
 
-UNIT_OF_DAMPING = _either("N m s/rad")
+DAMPING = Key("damping", number(least=0.0), "damping in parallel with the spring", _either("N m s/rad"), 0.0)
 _STIFFNESS = Key("stiffness", number(above=0.0), "stiffness", _either("N m/rad"))
 _TWO = (
     Key("low", number(above=0.0), "stiffness at small deflections", _either("N m/rad")),
@@ -273,7 +273,7 @@ _ELASTIC = Format(
     (
         Key("side", choice("arm", "motor"), "the side of the gear to which spring and damping refer"),
         Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
-        Key("damping", number(least=0.0), "damping in parallel with the spring", UNIT_OF_DAMPING, 0.0),
+        DAMPING,
     ),
     make=lambda type, **values: Gear(False, **values),
 )
@@ -348,7 +348,7 @@ def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
             Key("axis", direction(), "direction of the axis, any length"),
             Key("gear", sub(GEAR), gear, default=None),
             Key("spring", sub(JOINT_SPRING), spring, default=None),
-            Key("damping", number(least=0.0), "damping in parallel with the spring", unit, 0.0),
+            replace(DAMPING, unit=unit),
             FRICTION,
             *RATES,
             *more,

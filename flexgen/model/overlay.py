@@ -14,7 +14,7 @@ import numpy as np
 
 from flexgen.errors import ModelError
 from flexgen.model.elements import Body
-from flexgen.model.format import DOF, JOINT, LINK, URDF
+from flexgen.model.format import BODY, DOF, JOINT, LINK, URDF
 from flexgen.model.templates.joint_defaults import EVERY, merged
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
@@ -24,6 +24,7 @@ from flexgen.spec.keys import Context
 from flexgen.spec.tables import Table, as_number, bare, show
 from flexgen.spec.toml_lines import Entry, wrap
 
+_RENAME = JOINT["rename"]
 _EVERY = JOINT.without("rename", "before", "after").names  # of the table [joint."*"]
 _FROM_URDF = ("element",)  # keys of a model file that the URDF file replaces
 
@@ -169,7 +170,7 @@ class _Overlay:
     def _inertial(self, link: Link) -> Inertial | None:
         """The body of a link: that of the overlay if it has one, else the inertial of the URDF file."""
         table = self.links.get(link.name)
-        reduced = table is not None and table.flag("inertia_reduced")
+        reduced = table is not None and LINK["inertia_reduced"].read(table, Context())
         if table is None or "body" not in table:
             return self.urdf.inertial(link, reduced)
         inner = table.table("body")
@@ -177,7 +178,7 @@ class _Overlay:
         body: Body = LINK["body"].read(table, Context())
         if body.mass == 0.0:
             return None
-        reduced = reduced or inner.flag("inertia_reduced")
+        reduced = reduced or BODY["inertia_reduced"].read(inner, Context())
         return Inertial(body.mass, np.array(body.com), np.array(body.inertia), reduced)
 
     # --- the tables of a model file -----------------------------------------------------------------------------------
@@ -349,7 +350,8 @@ class _Overlay:
         """Name of a link or joint in the model: ``rename`` of the overlay, else the name in the URDF file."""
         table = (self.joints if kind == "joint" else self.links).get(name)
         if table is not None and "rename" in table:
-            return table.name("rename")
+            renamed: str = _RENAME.read(table, Context())
+            return renamed
         problem = identifier_problem(name)
         if kind == "link" and name == "base":
             problem = "another name (base is the ground)"
@@ -363,7 +365,7 @@ class _Overlay:
         """Name of a link or joint in the model, as the entry that states it."""
         table = (self.joints if kind == "joint" else self.links).get(name)
         if table is not None and "rename" in table:
-            table.name("rename")
+            _RENAME.read(table, Context())
             return table.entries["rename"]
         node = (self.urdf.joints if kind == "joint" else self.urdf.links)[name].node
         return Entry(self._named(kind, name), node.line, self.urdf.file)

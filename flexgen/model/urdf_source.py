@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flexgen.errors import ArgumentError
+from flexgen.spec.keys import Context
 from flexgen.spec.tables import Table, show
 from flexgen.spec.toml_lines import Entry, wrap
 
@@ -28,7 +29,9 @@ def from_here(path: Path) -> str:
 
 def find_urdf(table: Table, folder: Path) -> tuple[Path, str]:
     """The URDF file under the key ``file`` of an overlay in a folder, and its name in messages."""
-    text = table.text("file")
+    from flexgen.model.format import URDF
+
+    text: str = URDF["file"].read(table, Context())
     path = located(text, folder)
     if path is None:
         expected = f"a file of a package found in {SEARCHED}" if text.startswith(PACKAGE) else "the path of a URDF file"

@@ -1,0 +1,130 @@
+"""The page of all keys of model files, rendered from their rows: ``python tests/support/key_page.py`` writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from flexgen.model.format import JOINT, LINK, MODEL, URDF, VARIANT
+from flexgen.model.format_devices import MOTOR, SENSOR
+from flexgen.model.format_programs import PROGRAM, STEP
+from flexgen.model.format_robot import (
+    BEAM,
+    BENDING,
+    BODY,
+    COUNTERBALANCE,
+    DOF,
+    ELEMENT,
+    GEAR,
+    JOINT_SPRING,
+    PLACEMENT,
+    SPRING,
+    friction,
+)
+from flexgen.model.format_tasks import LEG, MOVE, OUTPUT
+from flexgen.spec.keys import REQUIRED, Form, Key, Kinds, Schema
+from flexgen.spec.schema import key_schemas
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "model_keys.md"
+TABLES: dict[str, Form] = {
+    "The file": MODEL,
+    "`[[element]]`": ELEMENT,
+    "`[[element.dof]]`": DOF,
+    "`gear`": GEAR,
+    "`spring` of a gear": SPRING,
+    "`spring` of a degree of freedom": JOINT_SPRING,
+    "`friction`": friction(),
+    "`counterbalance`": COUNTERBALANCE,
+    "`[element.beam]`": BEAM,
+    "`[[element.beam.bending]]`": BENDING,
+    "`body`, `[payload]`": BODY,
+    "`[base]`, `[tool]`, `origin`, `link`": PLACEMENT,
+    "`[[motor]]`": MOTOR,
+    "`[[sensor]]`": SENSOR,
+    "`[output]`": OUTPUT,
+    "`[[move]]`": MOVE,
+    "`legs` of a move": LEG,
+    "`[[program]]`": PROGRAM,
+    "`[[program.step]]`": STEP,
+    "`[variant.NAME]`": VARIANT,
+    "`[urdf]`": URDF,
+    '`[joint.NAME]`, `[joint."*"]`': JOINT,
+    "`[link.NAME]`": LINK,
+}
+TOP = """# Keys of model files
+
+This page lists all keys of [model files](../models/README.md). It is written from the rows in
+`flexgen/model/format*.py`, from which the reader, the JSON schema (`flexgen schema`) and the writer are made too. A
+required key that ends in `_rad` or `_deg` is given under one of the two. A name is a letter, then at most 30 letters,
+digits or underscores. Numbers have a magnitude of 1e-18 to 1e12, or are 0.
+"""
+
+
+def page() -> str:
+    """The text of the page."""
+    return "\n".join([TOP, *(line for title, form in TABLES.items() for line in section(title, form))])
+
+
+def section(title: str, form: Form) -> Iterator[str]:
+    """The keys of a table; those of several kinds together, with the kinds that have them."""
+    yield from (f"## {title}", "", f"{form.doc[0].upper()}{form.doc[1:]}.", "")
+    if not isinstance(form, Kinds):
+        yield from ("| key | value | default | meaning |", "|---|---|---|---|", *rows(form.keys), "")
+        return
+    kinds = ((kind, " (default)" * (kind == form.default), own.doc) for kind, own in form.kinds.items())
+    yield from (f'- `type = "{kind}"`{default}: {doc}' for kind, default, doc in kinds)
+    found: dict[str, list[str]] = {}
+    for kind, own in form.kinds.items():
+        for row in rows((*form.shared, *own.keys)):
+            found.setdefault(row, []).append(kind)
+    yield from ("", "| types | key | value | default | meaning |", "|---|---|---|---|---|")
+    yield from (f"| {'all' if len(of) == len(form.kinds) else ', '.join(of)} {row}" for row, of in found.items())
+    yield ""
+
+
+def rows(keys: Sequence[Key]) -> list[str]:
+    """A row of a table for each key."""
+    out = []
+    for key in keys:
+        schemas = key_schemas(key)
+        first = next(iter(schemas.values()))
+        default = "required" if key.default is REQUIRED else str(first.get("default", "")).lower()
+        names, doc = ", ".join(f"`{name}`" for name in schemas), first["description"].removesuffix(key.type.rule)
+        out.append(f"| {names} | {value_text(first)} | {default} | {doc} |")
+    return out
+
+
+def value_text(schema: Schema) -> str:
+    """What a value is, in a few words."""
+    if "$ref" in schema or "allOf" in schema:
+        return f"table `{(schema.get('allOf') or [schema])[0]['$ref'].rpartition('/')[2]}`"
+    if "enum" in schema:
+        return ", ".join(f"`{word}`" for word in schema["enum"])
+    kind = schema.get("type", "")
+    if kind == "number":
+        least = schema.get("minimum")
+        return "number > 0" if "exclusiveMinimum" in schema else "number >= 0" if least == 0.0 else "number"
+    if kind == "integer":
+        return f"whole number from {schema['minimum']} to {schema['maximum']}"
+    if kind == "array":
+        return _list_text(schema)
+    if kind == "object" or "oneOf" in schema:
+        return "table"
+    if kind == "boolean":
+        return "`true`, `false`"
+    if kind == "string":
+        return "name" if "pattern" in schema else "text"
+    return " or ".join(dict.fromkeys(value_text(one) for one in schema["anyOf"]))
+
+
+def _list_text(schema: Schema) -> str:
+    item = value_text(schema["items"]).removeprefix("table ")
+    of = item.replace("number", "numbers", 1).replace("text", "texts").replace("table", "tables")
+    sizes = [(one.get("minItems", 0), one.get("maxItems", 0)) for one in schema.get("anyOf", [schema])]
+    if not sizes[0][1]:
+        return f"list of {of}"
+    return " or ".join(str(low) if low == high else f"{low} to {high}" for low, high in sizes) + f" {of}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

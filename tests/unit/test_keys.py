@@ -1,0 +1,95 @@
+"""Each key of a file is stated once: in its row. The page of keys is that of the rows."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+from key_page import PAGE, TABLES, page
+
+from flexgen.model.format_robot import BODY
+from flexgen.spec.keys import Form, Key, Kinds
+
+ROOT = Path(__file__).resolve().parents[2]
+READERS = {
+    "number",
+    "optional",
+    "whole",
+    "vector",
+    "axis",
+    "angle",
+    "angles",
+    "text",
+    "flag",
+    "choice",
+    "words",
+    "name",
+}
+ROWS = "flexgen/model/format"  # files that may read keys by name: what a row cannot say in data
+SHORT = 20  # characters of a text that may occur twice by chance
+
+
+def keys_of(form: Form) -> Iterator[Key]:
+    """All rows of a table."""
+    if isinstance(form, Kinds):
+        yield from form.shared
+        for own in form.kinds.values():
+            yield from own.keys
+    else:
+        yield from form.keys
+
+
+def stated_twice(tables: Mapping[str, Form], sources: Mapping[str, str]) -> list[str]:
+    """Rows that are written twice, texts of keys that are, and keys that are read outside of the rows."""
+    rows = [key for form in tables.values() for key in keys_of(form)]
+    names = {name for key in rows for name in (*key.names, key.name)}
+    docs = {key.doc for key in rows if len(key.doc) >= SHORT}
+    found: Counter[str] = Counter()
+    out = []
+    for path, text in sources.items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Constant) and node.value in docs:
+                found[f"text of a key: {node.value}"] += 1
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Key":
+                found[f"row: {ast.unparse(node)}"] += 1
+            if not path.startswith(ROWS):
+                out += [f"{path}:{line} reads the key {key}" for line, key in read_by_name(node) if key in names]
+    return out + [f"{count} times a {what}" for what, count in found.items() if count > 1]
+
+
+def read_by_name(node: ast.AST) -> Iterable[tuple[int, str]]:
+    """Keys that a call reads with their type or bounds."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in READERS and node.args:
+        first = node.args[0]
+        if isinstance(first, ast.Constant) and isinstance(first.value, str):
+            yield node.lineno, first.value
+
+
+@pytest.fixture(scope="module")
+def sources() -> dict[str, str]:
+    """The sources of the readers and writers of model files."""
+    paths = [path for room in ("model", "exports", "spec") for path in (ROOT / "flexgen" / room).rglob("*.py")]
+    return {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in sorted(paths)}
+
+
+def test_each_key_is_stated_once(sources: dict[str, str]) -> None:
+    assert stated_twice(TABLES, sources) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('Key("to", number())\nKey("to", number())', "2 times a row: Key('to', number())"),
+        ('mass = table.number("mass", least=0.0)', "flexgen/model/planted.py:1 reads the key mass"),
+        (repr(BODY["com"].doc), "2 times a text of a key: center of mass in the body frame"),
+    ],
+)
+def test_planted_second_statement_is_found(sources: dict[str, str], text: str, expected: str) -> None:
+    assert stated_twice(TABLES, sources | {"flexgen/model/planted.py": text}) == [expected]
+
+
+def test_page_of_keys_is_that_of_the_rows() -> None:
+    assert PAGE.read_text(encoding="utf-8") == page(), "run: make golden"
