@@ -11,6 +11,7 @@ from sweep_grids import ONE, ROBOTS, real_grid
 
 from flexgen.errors import ArgumentError
 from flexgen.model.reader import read
+from flexgen.paths.time_laws import TimeLaw
 from flexgen.sweeps.cases import Grid, RandomMove, combinations, random_moves
 from flexgen.sweeps.grid_file import read_grid
 
@@ -64,13 +65,25 @@ def test_the_digest_is_of_the_content(tmp_path) -> None:
     assert changed != text and contents[0] != contents[1] == grid.describe()["models"][0]["digest"]
 
 
+def accelerations(bound: float | None) -> np.ndarray:
+    """Largest accelerations of random moves (50, n_g): those of the time law by differences, times the way."""
+    model = read("manutec_r3")
+    changed = [replace(e, dofs=tuple(replace(d, acceleration_max=bound) for d in e.dofs)) for e in model.elements]
+    t = np.linspace(0.0, 2.0, 4001)
+    largest = np.abs(np.gradient(np.gradient(TimeLaw(2.0, 4)(t, 0)[:, 0], t), t)).max()
+    moves = [move.of(replace(model, elements=tuple(changed))) for move in random_moves(50, 3, 2.0, smoothness=4)]
+    return np.abs([np.subtract(move.end, move.start) for move in moves]) * largest
+
+
+def test_random_moves_keep_the_largest_acceleration_where_it_is_the_only_limit() -> None:
+    assert accelerations(None).max() > 4.0 > 2.0 > accelerations(2.0).max() > 1.6
+
+
 def test_random_moves_keep_the_limits() -> None:
     model = read("manutec_r3")
     moves = [move.of(model) for move in random_moves(50, seed=2, duration=0.7, smoothness=4)]
     assert moves == [move.of(model) for move in random_moves(50, seed=2, duration=0.7, smoothness=4)]
     assert len({move.start for move in moves}) == 50
-    from flexgen.paths.time_laws import TimeLaw
-
     s = np.abs(TimeLaw(0.7, 4)(np.linspace(0, 0.7, 501), 2)).max(axis=0)
     ways = np.abs([np.subtract(move.end, move.start) for move in moves])
     dofs = [c.dof for c in model.coordinates if c.dof is not None]
