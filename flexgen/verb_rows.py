@@ -6,7 +6,7 @@
 
 Words: a type of `flexgen.cli.argument_types` (``whole_1``: an integer that is at least 1), ``in=a/b`` or ``in=LIST``,
 ``several``, ``once``, ``required``, ``group=G`` (options that exclude each other), ``--WORD`` (another name than that
-of the parameter), ``old=--WORD`` (a former name, which works with a warning) or, of a switch that stood for a value,
+of the parameter), ``old=--WORD`` (a former name, which works with a warning) or, of a switch that selected a value,
 ``old=--WORD=VALUE``. ``<NAME>`` is a positional argument. In a help, ``{default}`` is the default of the function;
 lists and phrases of `flexgen.verbs` are inserted by name.
 """

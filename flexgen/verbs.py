@@ -126,7 +126,7 @@ solve MODEL | solve:solve | solve
         @time
     controller
         hold NAME in=HOLDS: what the controller does between its ticks: spline (default), linear, or zoh (zero-order
-            hold); the torques to send are verified with it and written to FILE_command beside --out FILE
+            hold); the torques to send are verified with it and written to FILE_command next to --out FILE
         sample_time S positive: sample time of the controller [s]; default: 0.001
         delay S not_negative: time from a tick of the controller until the motor has the torque [s]; default: {default}
     files
@@ -330,7 +330,7 @@ export mujoco MODEL | exchange:mujoco | export_mujoco
         out FILE required: write the MJCF file, FILE.xml
 export urdf MODEL | exchange:urdf | export_urdf
     files
-        out FILE required: write the URDF file, FILE.urdf, and beside it the overlay, FILE.toml
+        out FILE required: write the URDF file, FILE.urdf, and next to it the overlay, FILE.toml
 export selftest MODEL | export_controllers:selftest | export_selftest
     content
         precision NAME in=double/single old=--single=single: of the library; default: {default}

@@ -18,8 +18,9 @@ from flexgen.cli.parser import parse
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-PROSE = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "models" / "README.md"]
-CODE = [*PAGES, ROOT / "models" / "README.md", ROOT / "generated" / "README.md"]
+ROOMS = sorted(path for path in (ROOT / "flexgen").glob("*/README.md") if path.parent.name not in ("clib", "models"))
+PROSE = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "models" / "README.md", *ROOMS]
+CODE = [*PAGES, ROOT / "models" / "README.md", ROOT / "generated" / "README.md", *ROOMS]
 COMPILER = next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
 
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler: install the Debian package gcc")
@@ -66,7 +67,7 @@ def blocks(text: str, language: str, marks: tuple[str, ...] = ("",)) -> list[str
 
 def marked(mark: str) -> list[Path]:
     """Pages with Python behind a marker."""
-    return [page for page in PAGES if blocks(page.read_text("utf-8"), "python", (mark,))]
+    return [page for page in (*PAGES, *ROOMS) if blocks(page.read_text("utf-8"), "python", (mark,))]
 
 
 def prose(text: str) -> str:
@@ -218,6 +219,26 @@ def test_contributing_names_every_room_and_only_files_that_exist():
     assert [name for name in named if not (ROOT / name).exists() and not (ROOT / "flexgen" / name).exists()] == []
     stations = re.findall(r"^\d+\. ", text, re.MULTILINE)
     assert 8 <= len(stations) <= 12
+
+
+def readme_problems(room: Path) -> list[str]:
+    """What the README of a room lacks: its files, each named once a file exists, in at most 40 lines."""
+    text = (room / "README.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([\w.]+\.(?:py|c)|\w+/)`", text))
+    files = {path.name for path in room.iterdir() if path.suffix in (".py", ".c") and path.name != "__init__.py"}
+    files |= {f"{path.parent.name}/" for path in room.glob("*/__init__.py")}
+    problems = [f"{name}: not named" for name in sorted(files - named)]
+    problems += [f"{name}: does not exist" for name in sorted(named - files) if not (room / name).exists()]
+    return problems + ["more than 40 lines"] * (len(text.splitlines()) > 40)
+
+
+def test_every_wing_has_a_readme_of_at_most_40_lines_that_names_its_files(tmp_path):
+    wings = re.findall(r"^\| 11 \| `(\w+)/`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(wings) == 10 and {page.parent.name for page in ROOMS} == set(wings)
+    assert {page.parent.name: problems for page in ROOMS if (problems := readme_problems(page.parent))} == {}
+    (tmp_path / "new.py").touch()
+    (tmp_path / "README.md").write_text("# Planted\n\n`old.py`\n")
+    assert readme_problems(tmp_path) == ["new.py: not named", "old.py: does not exist"]
 
 
 @pytest.mark.parametrize("page", PROSE, ids=page_id)
