@@ -39,7 +39,7 @@ class Option:
 
     @property
     def takes_value(self) -> bool:
-        """Whether it is no switch."""
+        """Whether it takes a value; False for a switch."""
         return bool(self.metavar or self.choices)
 
     @property
