@@ -21,16 +21,21 @@ typedef struct {
     double delay;
 } stream_options;
 typedef struct {
+    double *memory;
+    int64_t size;
+} stream_memory;
+typedef struct {
     double *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
 } motion;
 typedef struct {
     double residual, kinematic_mismatch, torque_step, output_step_m, output_step_rad, deviation_m, deviation_rad;
-    int iterations, intervals, cause, limits_active;
+    int cause, limits_active;
 } stream_info;
 
 typedef int64_t work_size(const stream_options *);
-typedef int start_stream(double *, int64_t, const stream_options *, const double *, const double *);
-typedef int update_stream(double *, const double *, const double *, const double *, motion *, stream_info *);
+typedef int start_stream(const stream_memory *, const stream_options *, const double *, const double *);
+typedef int update_stream(
+    const stream_memory *, const double *, const double *, const double *, motion *, stream_info *);
 
 static void *found(void *library, const char *name, const char *what)
 {
@@ -89,6 +94,7 @@ int main(int argc, char **argv)
     double *q_a = room(parts * n_a), *v_a = room(parts * n_a), *tau_g = room(parts * n_g);
     double *q_m = room(parts * n_m), *v_m = room(parts * n_m), *tau_m = room(parts * n_m);
     motion found_motion = {q_a, v_a, NULL, tau_g, q_m, v_m, tau_m};
+    const stream_memory stream = {memory, size};
     stream_info info;
     double *results = room(out * updates);
     size_t read = fread(place, sizeof *place, (size_t)n_t, stdin);
@@ -97,7 +103,7 @@ int main(int argc, char **argv)
     if (read != (size_t)(n_t + n_a + each * updates)) {
         return 4;
     }
-    if (start(memory, size, &options, place, q_start) != 0) {
+    if (start(&stream, &options, place, q_start) != 0) {
         fprintf(stderr, "the stream does not start\n");
         return 5;
     }
@@ -105,7 +111,7 @@ int main(int argc, char **argv)
         const double *x = given + each * k;
         double *y = results + out * k;
         const double began = now();
-        const int status = update(memory, x, x + n_t, x + n_t + n_y, &found_motion, &info);
+        const int status = update(&stream, x, x + n_t, x + n_t + n_y, &found_motion, &info);
         *y++ = now() - began;
         *y++ = status;
         *y++ = info.residual;

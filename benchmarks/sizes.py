@@ -221,17 +221,18 @@ enum { MOVE = 60 };
 int main(void)
 {
     @_real y[$_NT], next[$_NT], dy[$_NY] = {0}, ddy[$_NY] = {0};
-    const @_stream_options options = {%INTERVALS, %SAMPLES, 0.005f, 1e-3f, $_HOLD_SPLINE, 0.0f};
-    @_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+    const @_stream_options options = {
+        .intervals = %INTERVALS, .samples_per_interval = %SAMPLES, .period = 0.005f, .tolerance = 1e-3f};
+    @_motion motion = {NULL};
     @_stream_info info;
     const int64_t size = @_stream_work(&options);
-    @_real *stream = malloc((size_t)size * sizeof(@_real));
+    const @_stream stream = {.memory = malloc((size_t)size * sizeof(@_real)), .size = size};
     uint32_t sum = 0, most = 0;
-    int status = stream == NULL ? -1 : home_output(y);
+    int status = stream.memory == NULL ? -1 : home_output(y);
     timer[1] = 0xFFFFFFu;
     timer[2] = 0;
     timer[0] = 5u;
-    status = status == 0 ? @_stream_start(stream, size, &options, y, @_home_q_a) : status;
+    status = status == 0 ? @_stream_start(&stream, &options, y, @_home_q_a) : status;
     for (int k = 1; k <= 2 * MOVE && status >= 0; ++k) { /* a move of 0.02 m along the first output */
         const float s = k < MOVE ? (float)k / MOVE : 1.0f, T = 0.005f * MOVE;
         uint32_t before, count;
@@ -242,7 +243,7 @@ int main(void)
         dy[0] = 0.02f / T * 30.0f * s * s * (1.0f + s * (-2.0f + s));
         ddy[0] = 0.02f / (T * T) * 60.0f * s * (1.0f + s * (-3.0f + 2.0f * s));
         before = timer[2];
-        status = @_stream_update(stream, next, dy, ddy, &motion, &info);
+        status = @_stream_update(&stream, next, dy, ddy, &motion, &info);
         count = (before - timer[2]) & 0xFFFFFFu;
         sum += count / (2 * MOVE);
         most = count > most ? count : most;

@@ -51,6 +51,7 @@ typedef enum { RUNNING, STOPPING } controller_state;
 typedef enum { NOTHING, LATE_TORQUE, UNREACHABLE_SAMPLE, JUMP } planted_mistake;
 
 typedef struct {
+    planar5_nmp_stream stream;
     double memory[MEMORY]; /* of the stream */
     double start[NY];      /* m: where the path begins */
     controller_state state;
@@ -83,7 +84,13 @@ static int refuses(int status)
 static int start(controller *c)
 {
     double p[3], R[9];
-    const planar5_nmp_stream_options options = {INTERVALS, PARTS, UPDATE, TOLERANCE, PLANAR5_NMP_HOLD_SPLINE, 0.0};
+    const planar5_nmp_stream_options options = {
+        .intervals = INTERVALS,
+        .samples_per_interval = PARTS,
+        .period = UPDATE,
+        .tolerance = TOLERANCE,
+        .hold = PLANAR5_NMP_HOLD_SPLINE,
+    };
     int status = planar5_nmp_forward_kinematics(GUESS, p, R);
     memset(c, 0, sizeof *c);
     if (status != PLANAR5_NMP_OK) {
@@ -96,7 +103,9 @@ static int start(controller *c)
         c->start[i] = p[i];
     }
     c->state = RUNNING;
-    return planar5_nmp_stream_start(c->memory, MEMORY, &options, c->start, GUESS);
+    c->stream.memory = c->memory;
+    c->stream.size = MEMORY;
+    return planar5_nmp_stream_start(&c->stream, &options, c->start, GUESS);
 }
 
 /* References of a stop: the motors slow down. */
@@ -122,7 +131,8 @@ static void stop(controller *c)
 static void update(controller *c, double t, planted_mistake mistake)
 {
     double y[NY], dy[NY], ddy[NY], tau_m[PARTS * NM], q_m[PARTS * NM], v_m[PARTS * NM];
-    planar5_nmp_motion motion = {c->q_a, c->v_a, NULL, c->tau_g, q_m, v_m, tau_m};
+    planar5_nmp_motion motion = {
+        .q_a = c->q_a, .v_a = c->v_a, .tau_g = c->tau_g, .q_m = q_m, .v_m = v_m, .tau_m = tau_m};
     int status = PLANAR5_NMP_OK;
     memcpy(c->before, c->tau_m, sizeof c->before);
     if (c->state == STOPPING) {
@@ -137,7 +147,7 @@ static void update(controller *c, double t, planted_mistake mistake)
         y[0] += 100.0;
     }
     for (int attempt = 0; attempt < 2; ++attempt) {
-        status = planar5_nmp_stream_update(c->memory, y, dy, ddy, &motion, &c->info);
+        status = planar5_nmp_stream_update(&c->stream, y, dy, ddy, &motion, &c->info);
         if (!refuses(status)) {
             break;
         }

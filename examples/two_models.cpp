@@ -39,7 +39,7 @@ bool show(const char *name, int coordinates, int work, Gravity gravity, Text tex
     const int per_axis = 51, n = per_axis * per_axis;
     const std::vector<Real> q = grid<Real>(coordinates, per_axis);
     std::vector<Real> g(q.size()), space(static_cast<std::size_t>(work));
-    const int status = gravity(n, q.data(), g.data(), space.data());
+    const auto status = gravity(n, q.data(), g.data(), space.data());
     if (status != 0) {
         std::fprintf(stderr, "%s: %s\n", name, text(status));
         return false;

@@ -33,6 +33,7 @@ static const double CYCLE = 1e-3; /* s */
 static const double LATE = 1.0;   /* cycles from a measurement to the torque */
 
 typedef struct {
+    CALL(stream) stream; /* in `memory` */
     double memory[MEMORY], work[WORK];
     double q_m[RING][NM], v_m[RING][NM], tau_m[RING][NM];
     double q_start[NA];     /* arm coordinates at the start, with their deflections */
@@ -54,7 +55,7 @@ static void begin_update(planner *p)
     p->updates += 1;
     p->status = CALL(path_sample)(path_table, path_size, CYCLE * PARTS * (double)p->updates, y, dy, ddy, p->work, WORK);
     if (p->status >= SIZE(OK)) {
-        p->status = CALL(stream_begin)(p->memory, y, dy, ddy);
+        p->status = CALL(stream_begin)(&p->stream, y, dy, ddy);
     }
 }
 
@@ -62,9 +63,9 @@ static void begin_update(planner *p)
 static void finish_update(planner *p)
 {
     double q_a[PARTS * NA], q_m[PARTS * NM], v_m[PARTS * NM], tau_m[PARTS * NM];
-    CALL(motion) motion = {q_a, NULL, NULL, NULL, q_m, v_m, tau_m};
+    CALL(motion) motion = {.q_a = q_a, .q_m = q_m, .v_m = v_m, .tau_m = tau_m};
     CALL(stream_info) info;
-    p->status = CALL(stream_finish)(p->memory, &motion, &info);
+    p->status = CALL(stream_finish)(&p->stream, &motion, &info);
     if (p->status < SIZE(OK)) {
         return;
     }
@@ -82,9 +83,18 @@ static void finish_update(planner *p)
 /* Start at rest where the path begins, with READY samples in the buffer. */
 static CALL(status) start_planner(planner *p)
 {
-    const CALL(stream_options) options = {INTERVALS, PARTS, PARTS * CYCLE, TOLERANCE, SIZE(HOLD_ZOH), LATE};
+    const CALL(stream_options) options = {
+        .intervals = INTERVALS,
+        .samples_per_interval = PARTS,
+        .period = PARTS * CYCLE,
+        .tolerance = TOLERANCE,
+        .hold = SIZE(HOLD_ZOH),
+        .delay = LATE,
+    };
     double y[NT], dy[NY], ddy[NY], q_start[NA], duration;
     memset(p, 0, sizeof *p);
+    p->stream.memory = p->memory;
+    p->stream.size = MEMORY;
     if (CALL(path_work)() > WORK || CALL(stream_work)(&options) > MEMORY) {
         return SIZE(WORK_TOO_SMALL);
     }
@@ -93,7 +103,7 @@ static CALL(status) start_planner(planner *p)
         p->status = CALL(path_sample)(path_table, path_size, 0.0, y, dy, ddy, p->work, WORK);
     }
     if (p->status == SIZE(OK)) {
-        p->status = CALL(stream_start)(p->memory, MEMORY, &options, y, q_start);
+        p->status = CALL(stream_start)(&p->stream, &options, y, q_start);
     }
     while (p->status >= SIZE(OK) && p->ready < READY) {
         begin_update(p);
@@ -115,7 +125,7 @@ static void advance_planner(planner *p, int64_t k)
         begin_update(p);
     }
     if (p->status >= SIZE(OK)) {
-        p->status = CALL(stream_advance)(p->memory, PARTS - part);
+        p->status = CALL(stream_advance)(&p->stream, PARTS - part);
     }
     if (p->status >= SIZE(OK) && part == PARTS - 1) {
         finish_update(p);

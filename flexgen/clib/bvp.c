@@ -694,7 +694,7 @@ int64_t model_bvp_work(int n, const model_inversion_options *options)
 
 /* The boundary rows at both ends, from the equilibrium q; the numbers of unstable zeros go to `info`. */
 static int set_boundary_rows(
-    bvp_problem *b, const model_path *p, const real *q, bvp_space *w, model_inversion_info *info, real *space)
+    bvp_problem *b, const model_samples *p, const real *q, bvp_space *w, model_bvp_info *info, real *space)
 {
     const real *target = p->y + (p->n - 1) * (ptrdiff_t)NT;
     const real *q_g = b->m.q_g + ((ptrdiff_t)b->m.N * STAGES - 1) * NG;
@@ -733,7 +733,7 @@ static int set_boundary_rows(
 }
 
 /* The motion on the mesh by Newton steps. */
-static int solve_bvp(bvp_problem *b, real tolerance, model_inversion_info *info, bvp_space *w, real *space)
+static int solve_bvp(bvp_problem *b, real tolerance, whole_report *report, bvp_space *w, real *space)
 {
     newton progress = {-1.0, 0, 0};
     for (;;) {
@@ -741,8 +741,8 @@ static int solve_bvp(bvp_problem *b, real tolerance, model_inversion_info *info,
         if (status == MODEL_OK) {
             back_substitute(b, w);
             status = bvp_residual(b, w, space);
-            info->residual = b->m.residual;
-            info->iterations = progress.steps + 1;
+            report->residual = b->m.residual;
+            report->iterations = progress.steps + 1;
         }
         if (status != MODEL_OK) {
             return b->turns && status == MODEL_NOT_CONVERGED ? (int)MODEL_ZERO_AT_INFINITY : status;
@@ -757,9 +757,10 @@ static int solve_bvp(bvp_problem *b, real tolerance, model_inversion_info *info,
     }
 }
 
-model_status model_bvp(const model_path *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
-    const model_inversion_options *options, model_motion *motion, model_inversion_info *info, real *work,
-    int64_t work_size)
+/* As model_bvp, with a report; `info` takes the numbers of unstable zeros. */
+static model_status solve_path(const model_samples *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
+    const model_inversion_options *options, model_motion *motion, model_bvp_info *info, whole_report *report,
+    real *work, int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : model_bvp_work(p->n, options);
     whole_layout l;
@@ -767,7 +768,7 @@ model_status model_bvp(const model_path *p, PARAMETERS_ARGUMENT const real q_sta
     bvp_problem *b;
     bvp_space *w;
     real q[NA];
-    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, info, work, work_size, wanted);
+    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
     if (status == MODEL_OK && options->settled > 0.0) {
         status = MODEL_BAD_ARGUMENT;
     }
@@ -781,7 +782,7 @@ model_status model_bvp(const model_path *p, PARAMETERS_ARGUMENT const real q_sta
     b = (bvp_problem *)(void *)(work + own.problem);
     w = (bvp_space *)(void *)(work + own.blocks);
     b->m = mesh_in(&l, p, options, work);
-    info->intervals = b->m.N;
+    report->intervals = b->m.N;
     status = equilibrium_at(p->y, q, b->m.scale, work + l.space);
     if (status == MODEL_OK) {
         status = guess_mesh(&b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm, work + l.space);
@@ -790,10 +791,32 @@ model_status model_bvp(const model_path *p, PARAMETERS_ARGUMENT const real q_sta
         status = set_boundary_rows(b, p, q, w, info, work + l.space);
     }
     if (status == MODEL_OK) {
-        status = solve_bvp(b, options->tolerance, info, w, work + l.space);
+        status = solve_bvp(b, options->tolerance, report, w, work + l.space);
     }
     if (status != MODEL_OK) {
         return (model_status)status;
     }
-    return finish(p, options, &l, q, &b->m, q, (ptrdiff_t)l.samples, &w->lq.arm, motion, info, work);
+    return finish(p, options, &l, q, &b->m, q, (ptrdiff_t)l.samples, &w->lq.arm, motion, report, work);
+}
+
+model_status model_bvp(const model_samples *samples, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
+    const model_inversion_options *options, model_motion *motion, model_bvp_info *info, real *work, int64_t work_size)
+{
+    whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
+    model_bvp_info zeros;
+    model_status status = MODEL_NULL_ARGUMENT;
+    zeros.unstable_zeros_start = zeros.unstable_zeros_end = 0;
+    if (info != NULL) {
+        status = solve_path(samples, PASSED_PARAMETERS q_start, options, motion, &zeros, &report, work, work_size);
+    }
+    if (report.is_set) {
+        info->residual = report.residual;
+        info->residual_at_samples = report.residual_at_samples;
+        info->kinematic_mismatch = report.kinematic_mismatch;
+        info->iterations = report.iterations;
+        info->intervals = report.intervals;
+        info->unstable_zeros_start = zeros.unstable_zeros_start;
+        info->unstable_zeros_end = zeros.unstable_zeros_end;
+    }
+    return status;
 }

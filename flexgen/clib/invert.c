@@ -175,7 +175,7 @@ static inline void lq_path_first_rows(mesh *m, const lq_data *c)
  * is nearly the last one.
  */
 static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_inversion_options *o, int cut,
-    settling *end, model_inversion_info *info, lq_space *w, real *space)
+    settling *end, whole_report *report, lq_space *w, real *space)
 {
     const real tolerance = o->tolerance;
     newton progress = {-1.0, 0, 0};
@@ -185,7 +185,7 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_in
         const real before = progress.before;
         real size, next;
         int state, status = MODEL_OK;
-        info->iterations = progress.steps + 1;
+        report->iterations = progress.steps + 1;
         if (must_factor) {
             status = lq_path_factor(m, point, c, w, space);
         }
@@ -336,8 +336,8 @@ static int prepare_end(
 }
 
 /* The motion on the mesh; cut: it ends where it has settled after the first step, else after the last one. */
-static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, const model_path *p, const real *q,
-    const model_inversion_options *options, int cut, model_inversion_info *info, real *work)
+static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, const model_samples *p, const real *q,
+    const model_inversion_options *options, int cut, whole_report *report, real *work)
 {
     lq_space *w = (lq_space *)(void *)(work + own->lq);
     settling *end = (settling *)(void *)(work + own->settling);
@@ -354,9 +354,9 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
     c.linear = work + own->linear;
     c.steady_point = work + own->steady_point;
     c.steady_factor = work + own->steady_factor;
-    status = lq_path_solve(m, work + own->point, &c, options, cut, end, info, w, work + l->space);
-    info->residual = m->residual;
-    info->intervals = m->N;
+    status = lq_path_solve(m, work + own->point, &c, options, cut, end, report, w, work + l->space);
+    report->residual = m->residual;
+    report->intervals = m->N;
     if (status == MODEL_OK && !cut && end->allowed > 0.0) {
         cut_mesh(m, options->samples_per_interval, end);
     }
@@ -365,9 +365,9 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
 
 #endif
 
-model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
-    const model_inversion_options *options, model_motion *motion, model_inversion_info *info, real *work,
-    int64_t work_size)
+/* As model_invert, with a report instead of its info. */
+static model_status invert_path(const model_samples *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
+    const model_inversion_options *options, model_motion *motion, whole_report *report, real *work, int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : model_invert_work(p->n, options);
     whole_layout l;
@@ -375,7 +375,7 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
 #if MODEL_NE == 0
     ptrdiff_t samples;
 #endif
-    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, info, work, work_size, wanted);
+    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
     if (status != MODEL_OK) {
         return (model_status)status;
     }
@@ -394,17 +394,17 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
         m = mesh_in(&l, p, options, work);
         status = equilibrium_at(p->y, q, m.scale, work + l.space);
         if (status == MODEL_OK) {
-            status = motion_on_mesh(&m, &l, &own, p, q, options, end->allowed > 0.0, info, work);
+            status = motion_on_mesh(&m, &l, &own, p, q, options, end->allowed > 0.0, report, work);
         }
         if (status == MODEL_OK && is_cut_early(&m, end)) {
             m = mesh_in(&l, p, options, work);
-            status = motion_on_mesh(&m, &l, &own, p, q, options, 0, info, work);
+            status = motion_on_mesh(&m, &l, &own, p, q, options, 0, report, work);
         }
         if (status != MODEL_OK) {
             return (model_status)status;
         }
         return finish(p, options, &l, q, &m, end->q, end->intervals * (ptrdiff_t)options->samples_per_interval + 1,
-            &((lq_space *)(void *)(work + own.lq))->arm, motion, info, work);
+            &((lq_space *)(void *)(work + own.lq))->arm, motion, report, work);
     }
 #else
     l = lay_out(p->n, options, 0, 0);
@@ -413,7 +413,7 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
     if (status != MODEL_OK) {
         return (model_status)status;
     }
-    info->residual = 0.0;
+    report->residual = 0.0;
     samples = (ptrdiff_t)l.samples;
     if (options->settled > 0.0) {
         const real after = shortest_motion_after(work + l.space) / p->period;
@@ -421,6 +421,26 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
             samples -= options->n_post - (ptrdiff_t)after - 1;
         }
     }
-    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end), motion, info, work);
+    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end), motion, report, work);
 #endif
+}
+
+model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
+    const model_inversion_options *options, model_motion *motion, model_invert_info *info, real *work,
+    int64_t work_size)
+{
+    whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
+    model_status status = MODEL_NULL_ARGUMENT;
+    if (info != NULL) {
+        status = invert_path(samples, PASSED_PARAMETERS q_start, options, motion, &report, work, work_size);
+    }
+    if (report.is_set) {
+        info->residual = report.residual;
+        info->residual_at_samples = report.residual_at_samples;
+        info->kinematic_mismatch = report.kinematic_mismatch;
+        info->iterations = report.iterations;
+        info->intervals = report.intervals;
+        info->n_post = report.n_post;
+    }
+    return status;
 }

@@ -122,7 +122,7 @@ static inline void rotate(const real *f, const real *R0, real *R)
 #endif
 
 /* y, dy and ddy at sample k; the path is constant before the first and after the last sample. */
-static inline void reference_sample(const model_path *p, ptrdiff_t k, real *out)
+static inline void reference_sample(const model_samples *p, ptrdiff_t k, real *out)
 {
     const ptrdiff_t at = k < 0 ? 0 : k >= p->n - 1 ? p->n - 1 : k;
     copy(p->y + at * NT, NT, out);
@@ -137,7 +137,7 @@ static inline void reference_sample(const model_path *p, ptrdiff_t k, real *out)
 }
 
 /* y, dy and ddy at sample k + x, 0 <= x <= 1; the path is constant before the first and after the last sample. */
-static inline void reference_at(const model_path *p, int k, real x, real *out)
+static inline void reference_at(const model_samples *p, int k, real x, real *out)
 {
     const real T = p->period;
     const ptrdiff_t at = k;
@@ -192,7 +192,7 @@ static inline void reference_at(const model_path *p, int k, real x, real *out)
 static inline void between_samples(const real *samples, real period, real x, real *out)
 {
     real y[2 * NT], dy[2 * NY], ddy[2 * NY];
-    const model_path two = {2, period, y, dy, ddy};
+    const model_samples two = {2, period, y, dy, ddy};
     for (int j = 0; j < 2; ++j) {
         copy(samples + j * REFERENCE, NT, y + j * NT);
         copy(samples + j * REFERENCE + NT, NY, dy + j * NY);

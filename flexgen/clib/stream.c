@@ -20,7 +20,7 @@
 enum { PAST_NODES = 7, SILENT_UPDATES = MODEL_STREAM_START_SAMPLES(0) - 1 - PAST_NODES };
 
 /* Copy sample k of a path. */
-static inline void sample_of(const model_path *p, ptrdiff_t k, real *out)
+static inline void sample_of(const model_samples *p, ptrdiff_t k, real *out)
 {
     copy(p->y + k * NT, NT, out);
     copy(p->dy + k * NY, NY, out + NT);
@@ -28,7 +28,7 @@ static inline void sample_of(const model_path *p, ptrdiff_t k, real *out)
 }
 
 /* The path of the horizon and before it: node 0 of the horizon is sample `now`. */
-static inline void set_path(real *s, const layout *l, const model_path *p, ptrdiff_t now)
+static inline void set_path(real *s, const layout *l, const model_samples *p, ptrdiff_t now)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     real *nodes = s + l->nodes;
@@ -185,7 +185,7 @@ static inline void joints_at_start(const real *s, const layout *l, real q[NA])
 }
 
 /* The stream, at equilibrium now, is on the path instead. */
-static inline int set_moving(real *s, const layout *l, const model_path *p, ptrdiff_t now, const real *q)
+static inline int set_moving(real *s, const layout *l, const model_samples *p, ptrdiff_t now, const real *q)
 {
     int status;
     set_path(s, l, p, now);
@@ -410,6 +410,12 @@ static inline int do_parts(real *s, const layout *l, int parts)
 
 /* --- The functions of a stream. */
 
+/* The memory of a stream of the caller; a null pointer where there is none. */
+static real *memory_of(const model_stream *stream)
+{
+    return stream == NULL || stream->size <= STATE ? NULL : stream->memory;
+}
+
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
 #if MODEL_NE > 0
 static const real initial_weight = 1e-4; /* before the first of them */
@@ -478,9 +484,10 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     return static_deflections(tau, 1, zero, deflection, stiffness, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
 }
 
-COLD model_status model_stream_start(real *stream, int64_t stream_size, const model_stream_options *options,
+COLD model_status model_stream_start(const model_stream *given, const model_stream_options *options,
     const real y[MODEL_NT], PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
 {
+    real *stream = given == NULL ? NULL : given->memory;
     const real *parameters_given = GIVEN_PARAMETERS;
     layout l;
     real q[NA], *space;
@@ -493,7 +500,7 @@ COLD model_status model_stream_start(real *stream, int64_t stream_size, const mo
         return MODEL_BAD_ARGUMENT;
     }
     l = laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay);
-    if (stream_size < l.end) {
+    if (given->size < l.end) {
         return MODEL_WORK_TOO_SMALL;
     }
     stream[STATE] = IS_EMPTY;
@@ -556,8 +563,9 @@ static int has_begun(const real *stream)
 }
 
 #if MODEL_PARAMETERS > 0
-COLD model_status model_stream_parameters(real *stream, const real parameters[MODEL_PARAMETERS])
+COLD model_status model_stream_parameters(const model_stream *given, const real parameters[MODEL_PARAMETERS])
 {
+    real *stream = memory_of(given);
     layout l;
     if (stream == NULL || parameters == NULL) {
         return MODEL_NULL_ARGUMENT;
@@ -579,8 +587,9 @@ COLD model_status model_stream_parameters(real *stream, const real parameters[MO
 #endif
 
 COLD model_status model_stream_limits(
-    real *stream, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
+    const model_stream *given, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
 {
+    real *stream = memory_of(given);
     layout l;
     limits_layout w;
     ptrdiff_t N;
@@ -621,8 +630,10 @@ static model_status failed(real *stream, int status)
     return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : (model_status)status;
 }
 
-model_status model_stream_begin(real *stream, const real y[MODEL_NT], const real dy[MODEL_NY], const real ddy[MODEL_NY])
+model_status model_stream_begin(
+    const model_stream *given, const real y[MODEL_NT], const real dy[MODEL_NY], const real ddy[MODEL_NY])
 {
+    real *stream = memory_of(given);
     layout l;
     real own[REFERENCE], next[REFERENCE], deviation[DEVIATION];
     next_interval arrived;
@@ -668,8 +679,9 @@ model_status model_stream_begin(real *stream, const real y[MODEL_NT], const real
     return MODEL_OK;
 }
 
-model_status model_stream_advance(real *stream, int parts)
+model_status model_stream_advance(const model_stream *given, int parts)
 {
+    real *stream = memory_of(given);
     layout l;
     int status;
     if (stream == NULL) {
@@ -694,8 +706,9 @@ static void give(const real *from, ptrdiff_t size, real *to)
     }
 }
 
-model_status model_stream_finish(real *stream, model_motion *motion, model_stream_info *info)
+model_status model_stream_finish(const model_stream *given, model_motion *motion, model_stream_info *info)
 {
+    real *stream = memory_of(given);
     layout l;
     interval_results out;
     ptrdiff_t n;
@@ -720,8 +733,6 @@ model_status model_stream_finish(real *stream, model_motion *motion, model_strea
     give(out.v_m, n * NM, motion->v_m);
     give(out.tau_m, n * NM, motion->tau_m);
     stream[PART] = (real)NO_UPDATE;
-    info->iterations = 1;
-    info->intervals = (int)stream[INTERVALS];
     info->residual = stream[RESIDUAL];
     info->kinematic_mismatch = stream[MISMATCH];
     info->torque_step = stream[TORQUE_STEP];
@@ -731,17 +742,21 @@ model_status model_stream_finish(real *stream, model_motion *motion, model_strea
     info->deviation_rad = stream[OFF + 1];
     info->limits_active = stream[LIMITED] > 0.0;
     /* one cause: a short horizon makes the residual large too */
-    info->cause = !(info->torque_step <= torque_step_max) ? 3 : !(info->residual <= stream[TOLERANCE]) ? 1 : 0;
-    if (info->cause == 0 && !(info->kinematic_mismatch <= mismatch_max)) {
-        info->cause = 2;
+    info->cause = MODEL_CAUSE_NONE;
+    if (!(info->torque_step <= torque_step_max)) {
+        info->cause = MODEL_CAUSE_TORQUE_STEP;
+    } else if (!(info->residual <= stream[TOLERANCE])) {
+        info->cause = MODEL_CAUSE_RESIDUAL;
+    } else if (!(info->kinematic_mismatch <= mismatch_max)) {
+        info->cause = MODEL_CAUSE_MISMATCH;
     }
-    if (info->cause != 0) {
+    if (info->cause != MODEL_CAUSE_NONE) {
         return MODEL_TOLERANCE_NOT_MET;
     }
     return info->limits_active ? MODEL_LIMITS_ACTIVE : MODEL_OK;
 }
 
-model_status model_stream_update(real *stream, const real y[MODEL_NT], const real dy[MODEL_NY],
+model_status model_stream_update(const model_stream *stream, const real y[MODEL_NT], const real dy[MODEL_NY],
     const real ddy[MODEL_NY], model_motion *motion, model_stream_info *info)
 {
     model_status status;
@@ -753,7 +768,7 @@ model_status model_stream_update(real *stream, const real y[MODEL_NT], const rea
 }
 
 /* Whether all samples are finite, and all rotations are rotations and close to each other. */
-static model_status check_samples(const model_path *p)
+static model_status check_samples(const model_samples *p)
 {
     for (ptrdiff_t k = 0; k < p->n; ++k) {
         if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) || !is_finite(p->ddy + k * NY, NY)) {
@@ -771,15 +786,15 @@ static model_status check_samples(const model_path *p)
     return MODEL_OK;
 }
 
-COLD model_status model_stream_start_moving(real *stream, int64_t stream_size, const model_stream_options *options,
-    const model_path *path, PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
+COLD model_status model_stream_start_moving(const model_stream *given, const model_stream_options *options,
+    const model_samples *path, PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
 {
     model_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
     model_stream_info info;
     model_status status;
     ptrdiff_t now;
     layout l;
-    real q[NA];
+    real q[NA], *stream = given == NULL ? NULL : given->memory;
     if (stream == NULL || options == NULL || path == NULL || path->y == NULL || path->dy == NULL || path->ddy == NULL ||
         q_start == NULL) {
         return MODEL_NULL_ARGUMENT;
@@ -793,7 +808,7 @@ COLD model_status model_stream_start_moving(real *stream, int64_t stream_size, c
         return status;
     }
     now = path->n - 1 - SILENT_UPDATES - options->intervals;
-    status = model_stream_start(stream, stream_size, options, path->y + now * NT, PASSED_PARAMETERS q_start);
+    status = model_stream_start(given, options, path->y + now * NT, PASSED_PARAMETERS q_start);
     if (status != MODEL_OK) {
         return status;
     }
@@ -801,7 +816,7 @@ COLD model_status model_stream_start_moving(real *stream, int64_t stream_size, c
     joints_at_start(stream, &l, q);
     status = (model_status)set_moving(stream, &l, path, now, q);
     for (ptrdiff_t k = path->n - SILENT_UPDATES; k < path->n && status >= MODEL_OK; ++k) {
-        status = model_stream_update(stream, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
+        status = model_stream_update(given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
     }
     if (status < MODEL_OK) {
         stream[STATE] = IS_EMPTY;

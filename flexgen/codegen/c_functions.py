@@ -24,18 +24,26 @@ _PARAMETERS = "run-time parameters, listed in the header of the functions"
 _BEHIND_PARAMETERS = (("q_start", "const real *"), ("t", "real"))
 _GIVEN = Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS)
 
-_WHOLE = (
-    Field("path", "const path *", (), "", "samples of the output"),
-    Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium at the first sample"),
-    Field("options", "const inversion_options *", (), "", ""),
-    Field("motion", "motion *", (), "", f"results; N = {_N}"),
-    Field("info", "inversion_info *", (), "", "what the solver reports"),
-    Field("work", "real *", ("work_size",), "", "workspace"),
-)
+
+def _whole(info: str) -> tuple[Field, ...]:
+    """The arguments of a solver of whole paths with this info."""
+    return (
+        Field("samples", "const samples *", (), "", "samples of the output"),
+        Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium at the first sample"),
+        Field("options", "const inversion_options *", (), "", ""),
+        Field("motion", "motion *", (), "", f"results; N = {_N}"),
+        Field("info", f"{info} *", (), "", "what the solver reports"),
+        Field("work", "real *", ("work_size",), "", "workspace"),
+    )
+
+
 _WORK_OF = (
     Field("n", "int", (), "1", "samples of the path"),
     Field("options", "const inversion_options *", (), "", ""),
 )
+
+
+_STREAM = Field("stream", "const stream *", (), "", "")
 
 
 def _size(of: str) -> Field:
@@ -43,6 +51,22 @@ def _size(of: str) -> Field:
 
 
 C_FUNCTIONS: tuple[CFunction, ...] = (
+    CFunction(
+        "inversion_defaults",
+        "",
+        "The defaults of the options of a whole path.",
+        "",
+        (),
+        returns="inversion_options",
+    ),
+    CFunction(
+        "stream_defaults",
+        "",
+        "The recommended options of a stream; the intervals and the period are 0 where the home pose has none.",
+        "",
+        (),
+        returns="stream_options",
+    ),
     CFunction(
         "invert_work",
         "invert.c",
@@ -67,7 +91,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "does not begin and end at rest. UNREACHABLE also means that no equilibrium was found from q_start. Without "
         "unactuated coordinates nothing is solved and the residual is zero. Arrays are stored sample after sample: "
         "entry i of sample k is x[k * n_a + i].",
-        (*_WHOLE, _size("invert")),
+        (*_whole("invert_info"), _size("invert")),
     ),
     CFunction(
         "bvp_work",
@@ -89,7 +113,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "the same number of unstable zeros at both ends (else ZEROS_CHANGE), no zero on the imaginary axis there "
         "(ZERO_ON_AXIS), and no zero that goes through infinity on the path (ZERO_AT_INFINITY). invert has none of "
         "these requirements.",
-        (*_WHOLE, _size("bvp")),
+        (*_whole("bvp_info"), _size("bvp")),
         elastic=True,
         double=True,
         part="bvp",
@@ -109,8 +133,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "The memory holds the whole state of the stream. It may be copied and moved between calls. Each stream needs "
         "its own. A stream that has failed can be started again.",
         (
-            Field("stream", "real *", ("stream_size",), "", "memory of the stream"),
-            Field("stream_size", "int64_t", (), "1", "its length, at least stream_work"),
+            _STREAM,
             Field("options", "const stream_options *", (), "", ""),
             Field("y", "const real *", ("n_t",), "mixed", OUTPUT),
             Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium"),
@@ -133,7 +156,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with results. To stop, repeat the last position "
         "with zero derivatives until the results are at rest, at least for a whole horizon.",
         (
-            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            _STREAM,
             Field("y", "const real *", ("n_t",), "mixed", OUTPUT),
             Field("dy", "const real *", ("n_y",), "mixed", RATE),
             Field("ddy", "const real *", ("n_y",), "mixed", SECOND),
@@ -151,7 +174,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "BAD_ARGUMENT also means that an update has begun and was not finished; between stream_begin and "
         "stream_finish stream_update, stream_limits and stream_parameters return it too.",
         (
-            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            _STREAM,
             Field("y", "const real *", ("n_t",), "mixed", OUTPUT),
             Field("dy", "const real *", ("n_y",), "mixed", RATE),
             Field("ddy", "const real *", ("n_y",), "mixed", SECOND),
@@ -165,7 +188,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "is done at once, about a seventh of an update. After a negative status other than NULL_ARGUMENT, BAD_ARGUMENT "
         "and NOT_STARTED (no update has begun) the stream has failed.",
         (
-            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            _STREAM,
             Field("parts", "int", (), "1", "at least 1; 1: all that is left"),
         ),
     ),
@@ -175,7 +198,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "Do what is left of an update that has begun; give motion and torques of the interval.",
         "Statuses and results are those of stream_update. NOT_STARTED: no update has begun, or the stream has failed.",
         (
-            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            _STREAM,
             Field("motion", "motion *", (), "", "results; N = samples_per_interval"),
             Field("info", "stream_info *", (), "", "what the solver reports"),
         ),
@@ -192,10 +215,9 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "first results are needed. BAD_ARGUMENT also means another number of samples or another period than that of "
         "the options.",
         (
-            Field("stream", "real *", ("stream_size",), "", "memory of the stream"),
-            Field("stream_size", "int64_t", (), "1", "its length, at least stream_work"),
+            _STREAM,
             Field("options", "const stream_options *", (), "", ""),
-            Field("path", "const path *", (), "", "samples of the output; the period is that of the options"),
+            Field("samples", "const samples *", (), "", "of the output; the period is that of the options"),
             Field(
                 "q_start",
                 "const real *",
@@ -215,7 +237,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "The horizon, its recommended length and the scale of the residual stay those of stream_start: where the new "
         "parameters make the unstable zeros much slower, start a new stream.",
         (
-            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            _STREAM,
             Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS),
         ),
         parametrized=True,
@@ -233,7 +255,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "HORIZON_TOO_SHORT: fewer than 4 intervals, or less than half of this preview beyond it. Limits may be "
         "changed at any time. An infinite torque or speed is no limit.",
         (
-            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            _STREAM,
             Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
             Field("speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"),
             Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),

@@ -11,16 +11,9 @@ from functools import cache
 from importlib.resources import files
 
 from flexgen.codegen.c_text import comment, declaration, macro, size_macro
-from flexgen.codegen.clib_types import CFunction, Field, Struct
+from flexgen.codegen.clib_types import CFunction, Enum, Field, Struct
 from flexgen.codegen.header import works
-from flexgen.codegen.interface import (
-    DELAY_MAX,
-    HOLDS,
-    INTERVALS_MAX,
-    SAMPLES_MAX,
-    START_SAMPLES,
-    STRUCTS,
-)
+from flexgen.codegen.interface import LIMITS
 from flexgen.codegen.motor_constants import MotorConstants
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.codegen.stream_bounds import BLOCK, CALL, Linear, stream_operations, stream_size
@@ -40,13 +33,6 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
-_HOLD = (
-    "What the drive does between two samples of the motor torque: HOLD_SPLINE follows a spline through them, "
-    "HOLD_LINEAR goes on a straight line to the next one, HOLD_ZOH holds each of them until the next one (zero-order "
-    "hold). For the last two the torque at the samples is not the torque to send: a held sample is late by half a "
-    "period. invert, bvp and stream_update then give in tau_m the torques to send at the samples. All other results "
-    "are those at the samples."
-)
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
 _LITERAL = re.compile(r"(?<![\w.])(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?![\w.])")  # of a double
 
@@ -96,7 +82,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     """The private files of the inversion, by name; none where the library has no inversion."""
     if not spec.inverts or spec.motor_constants is None:
         return {}
-    names = sorted(_included({function.file for function in spec.declared_in("inversion")}))
+    names = sorted(_included({function.file for function in spec.declared_in("inversion") if function.file}))
     texts = {name: render(fixed_files()[name], spec.name, spec.precision) for name in names}
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
@@ -127,8 +113,9 @@ def _included(names: set[str]) -> set[str]:
 def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_inversion.h``."""
     name, guard = spec.name, macro(spec, "INVERSION_H")
-    holds = ", ".join(f"{macro(spec, f'HOLD_{hold.upper()}')} = {k}" for k, hold in enumerate(HOLDS))
-    structs = "\n".join(_struct(spec, struct) for struct in STRUCTS)
+    limits = "".join(f"#define {macro(spec, row.name)} {row.value} /* {row.doc} */\n" for row in LIMITS)
+    enums = "\n".join(_enum(spec, enum) for enum in spec.enums)
+    structs = "\n".join(_struct(spec, struct) for struct in spec.structs)
     functions = "\n".join(described(spec, function) for function in spec.declared_in("inversion"))
     return f"""\
 /*
@@ -150,15 +137,10 @@ def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> 
 extern "C" {{
 #endif
 
-#define {macro(spec, "STREAM_INTERVALS_MAX")} {INTERVALS_MAX} /* intervals of a horizon, at most */
-#define {macro(spec, "STREAM_SAMPLES_MAX")} {SAMPLES_MAX} /* samples per interval, at most */
-#define {macro(spec, "HOLD_DELAY_MAX")} {DELAY_MAX} /* delay of a hold in samples, at most */
-#define {macro(spec, "STREAM_START_SAMPLES")}(intervals) ((intervals) + {START_SAMPLES}) /* of stream_start_moving */
+{limits}#define {macro(spec, "STREAM_START_SAMPLES")}(intervals) \\
+    ((intervals) + {macro(spec, "STREAM_MORE_SAMPLES")}) /* of stream_start_moving */
 
-/*
-{comment(_HOLD)} */
-typedef enum {{ {holds} }} {name}_hold;
-
+{enums}
 {_stream_macros(spec, written)}
 {structs}
 {functions}
@@ -236,13 +218,21 @@ def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequ
     return max(max(works(f, written[f.name], spec.precision)) for f in used)
 
 
+def _enum(spec: LibrarySpec, enum: Enum) -> str:
+    """An enumeration of the public header."""
+    members = ",\n".join(
+        f"    {macro(spec, f'{enum.name}_{name}')} = {k} /* {doc} */" for k, (name, doc) in enumerate(enum.members)
+    )
+    return f"/*\n{comment(enum.doc)} */\ntypedef enum {{\n{members}\n}} {spec.name}_{enum.name};\n"
+
+
 def _struct(spec: LibrarySpec, struct: Struct) -> str:
     """A struct of the public header, each member with shape, unit and meaning."""
     lines = []
     for field in struct.fields:
         shape = f"{' x '.join(map(_in_brackets, field.extents))} " if field.extents else ""
         unit = f"[{field.unit}] " if field.unit not in ("", "1") else ""
-        text, member = f"{shape}{unit}{field.doc}", f"    {_declared(spec, field)};"
+        text, member = f"{shape}{unit}{field.doc}".strip(), f"    {_declared(spec, field)};"
         if len(member) + len(text) < 110:
             lines.append(f"{member} /* {text} */\n")
         else:
@@ -258,7 +248,7 @@ def described(spec: LibrarySpec, function: CFunction) -> str:
             a.name,
             " x ".join(map(_in_brackets, a.extents)),
             f"[{a.unit}]" if a.unit else "",
-            a.doc or f"see {spec.name}_{a.kind.removeprefix('const ').removesuffix(' *')}",
+            a.doc or f"see {spec.name}_{a.base}",
         )
         for a in function.arguments
     ]
@@ -271,7 +261,7 @@ def described(spec: LibrarySpec, function: CFunction) -> str:
         words += f"{' ' * bool(words)}Stack: at most {stack_bytes(spec)} bytes."
     notes = f" *\n{comment(words)}" if words else ""
     arguments = ", ".join(_declared(spec, a, sized=True) for a in function.arguments) or "void"
-    returned = f"{spec.name}_status" if function.returns == "status" else "int64_t"
+    returned = "int64_t" if function.returns == "size" else f"{spec.name}_{function.returns}"
     prototype = declaration(f"{returned} {spec.name}_{function.name}({arguments})")
     table = f" *\n{table}" if table else ""
     return f"/*\n{comment(function.summary)}{notes}{table} */\n{macro(spec, 'API')}\n{prototype};\n"

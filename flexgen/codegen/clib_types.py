@@ -16,6 +16,36 @@ class Status:
 
 
 @dataclass(frozen=True)
+class Limit:
+    """A number that bounds an argument: in C the macro ``<LIBRARY>_<name>``."""
+
+    name: str
+    value: int
+    doc: str
+
+
+@dataclass(frozen=True)
+class Enum:
+    """An enumeration of the public header, in C ``<library>_<name>``; its members are numbered from 0.
+
+    Parameters
+    ----------
+    name, doc : str
+    members : tuple of (str, str)
+        Name and meaning; in C ``<LIBRARY>_<NAME>_<MEMBER>``.
+    """
+
+    name: str
+    doc: str
+    members: tuple[tuple[str, str], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The members' names, at their numbers."""
+        return tuple(name for name, _ in self.members)
+
+
+@dataclass(frozen=True)
 class Field:
     """A member of a struct, or an argument.
 
@@ -23,12 +53,14 @@ class Field:
     ----------
     name : str
     kind : str
-        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, a pointer to one of them, such as ``"const real *"``, or to a
-        struct of the table, such as ``"const path *"``.
+        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, an enum of the table such as ``"hold"``, or a pointer to one of
+        them or to a struct of the table, such as ``"const samples *"``.
     extents : tuple of str
         Sizes of the array that a pointer to reals points to: of the library (``"n_a"``), of other fields (``"n"``), or
         sums of these. Arrays are stored sample after sample: the last index runs fastest.
     unit, doc : str
+    default : str
+        Of a member of options, in C without the library's name; empty: the caller has to set it.
     """
 
     name: str
@@ -36,6 +68,12 @@ class Field:
     extents: tuple[str, ...]
     unit: str
     doc: str
+    default: str = ""
+
+    @property
+    def base(self) -> str:
+        """The type without ``const`` and ``*``."""
+        return self.kind.removeprefix("const ").removesuffix(" *")
 
 
 @dataclass(frozen=True)
@@ -56,12 +94,12 @@ class CFunction:
     name : str
         In C ``<library>_<name>``.
     file : str
-        The file of ``flexgen/clib/`` that defines it.
+        The file of ``flexgen/clib/`` that defines it; empty: the source ``<library>.c`` that is written.
     summary, notes : str
         For the header: one sentence; paragraphs.
     arguments : tuple of Field
     returns : str
-        ``"status"``, or ``"size"``: a number of reals.
+        ``"status"``, ``"size"``: a number of reals, or a struct of the table.
     elastic : bool
         True: only for models with unactuated coordinates.
     parametrized : bool

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from flexgen.codegen.c_text import count_of, macro, quoted, size_macro
-from flexgen.codegen.interface import TOLERANCES
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
@@ -88,8 +87,7 @@ def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
 
 def _inversion(spec: LibrarySpec) -> str:
     """The functions of the example that invert a path and run a stream; the output stays at its home position."""
-    numbers = (0.001, 0.005, TOLERANCES[spec.precision], 0.0)
-    sampling, update, small, zero = (literal(x, spec.precision) for x in numbers)
+    sampling, update = (literal(x, spec.precision) for x in (0.001, 0.005))
     name, real = spec.name, f"{spec.name}_real"
     ny, nt, nm = (size_macro(spec, size) for size in ("n_y", "n_t", "n_m"))
     pose = spec.motor_constants is not None and spec.motor_constants.pose
@@ -104,12 +102,12 @@ enum {{ SAMPLES = 21, UPDATES = 10 }};
 static int invert_path(void)
 {{
     {real} y[SAMPLES * {nt}], zero[SAMPLES * {ny}] = {{0}}, tau_m[SAMPLES * {nm}];
-    const {name}_path path = {{SAMPLES, {sampling}, y, zero, zero}};
-    const {name}_inversion_options options = {{0, 0, 5, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}, {zero}}};
-    {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
-    {name}_inversion_info info;
+    const {name}_samples path = {{.n = SAMPLES, .period = {sampling}, .y = y, .dy = zero, .ddy = zero}};
+    {name}_motion motion = {{.tau_m = tau_m}}; /* no other results are wanted */
+    {name}_inversion_options options = {name}_inversion_defaults();
+    {name}_invert_info info;
 {declared}    {name}_status status = home_output(y);
-    const int64_t size = {name}_invert_work(SAMPLES, &options);
+    const int64_t size = {name}_invert_work(path.n, &options);
     {real} *work = ({real} *)malloc((size_t)size * sizeof({real}));
     if (work == NULL || status != {macro(spec, "OK")}) {{
         free(work);
@@ -131,25 +129,29 @@ static int invert_path(void)
 static int run_stream(void)
 {{
     {real} y[{nt}], zero[{ny}] = {{0}}, tau_m[{nm}];
-    const {name}_stream_options options = {{10, 1, {update}, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}}};
-    {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
+    {name}_motion motion = {{.tau_m = tau_m}};
+    {name}_stream_options options = {name}_stream_defaults();
+    {name}_stream stream;
     {name}_stream_info info;
 {declared}    {name}_status status = home_output(y);
-    const int64_t size = {name}_stream_work(&options);
-    {real} *stream = ({real} *)malloc((size_t)size * sizeof({real}));
-    if (stream == NULL || status != {macro(spec, "OK")}) {{
-        free(stream);
+    options.intervals = 10;
+    options.samples_per_interval = 1;
+    options.period = {update};
+    stream.size = {name}_stream_work(&options);
+    stream.memory = ({real} *)malloc((size_t)stream.size * sizeof({real}));
+    if (stream.memory == NULL || status != {macro(spec, "OK")}) {{
+        free(stream.memory);
         return 1;
     }}
-{fill}    status = {name}_stream_start(stream, size, &options, y, {given}{name}_home_q_a);
+{fill}    status = {name}_stream_start(&stream, &options, y, {given}{name}_home_q_a);
     for (int k = 0; k < UPDATES && status >= 0; ++k) {{
-        status = {name}_stream_update(stream, y, zero, zero, &motion, &info);
+        status = {name}_stream_update(&stream, y, zero, zero, &motion, &info);
     }}
     printf("stream: %s\\n", {name}_status_text(status));
     if (status >= 0) {{
         show("tau_m", "N m", tau_m, {nm}, 1);
     }}
-    free(stream);
+    free(stream.memory);
     return status < 0;
 }}
 

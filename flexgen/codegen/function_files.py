@@ -5,8 +5,9 @@ from __future__ import annotations
 import textwrap
 
 from flexgen.codegen.c_text import count_of, macro, prototype, quoted, size_macro
+from flexgen.codegen.clib_types import CFunction
 from flexgen.codegen.header import tile
-from flexgen.codegen.interface import ABI_VERSION, STATUSES
+from flexgen.codegen.interface import ABI_VERSION, STATUSES, default_of
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
@@ -28,6 +29,8 @@ def facade(spec: LibrarySpec) -> str:
     functions = "\n".join(
         f"int {spec.name}_{name}(void)\n{{\n    return {value};\n}}\n" for name, value in values.items()
     )
+    include = f'#include "{spec.name}_inversion.h"\n' if spec.inverts else ""
+    defaults = "".join(_defaults(spec, function) for function in spec.c_functions if not function.file)
     parameters = ""
     if spec.parameters:
         lines = "".join(
@@ -38,12 +41,12 @@ def facade(spec: LibrarySpec) -> str:
     return f"""\
 /* {spec.name}: identity and sizes of the library. Written by flexgen; see {spec.name}.h. */
 #include "{spec.name}_batch.h"
-
+{include}
 #ifdef _OPENMP
 #include <omp.h>
 #endif
 
-const char *{spec.name}_status_text(int status)
+const char *{spec.name}_status_text({spec.name}_status status)
 {{
     switch (status) {{
 {cases}    default:
@@ -61,7 +64,7 @@ const char *{spec.name}_interface(void)
     return "{spec.interface}";
 }}
 
-{parameters}{functions}
+{parameters}{defaults}{functions}
 int {spec.name}_batch_work(void)
 {{
 #ifdef _OPENMP
@@ -71,6 +74,23 @@ int {spec.name}_batch_work(void)
 #endif
 }}
 """
+
+
+def _defaults(spec: LibrarySpec, function: CFunction) -> str:
+    """The function that returns options with their defaults; those of a stream are recommended for the model."""
+    (struct,) = (struct for struct in spec.structs if struct.name == function.returns)
+    lines = ""
+    for field in struct.fields:
+        value = default_of(field, spec.precision)
+        if value.startswith("STREAM_") and spec.stream is None:
+            value = "0"
+        if value[0].isalpha():
+            value = macro(spec, value)
+        elif field.kind == "real":
+            value = literal(float(value), spec.precision)
+        lines += f"    options.{field.name} = {value};\n"
+    head = f"{spec.name}_{struct.name} {spec.name}_{function.name}(void)"
+    return f"{head}\n{{\n    {spec.name}_{struct.name} options;\n{lines}    return options;\n}}\n\n"
 
 
 MATHEMATICS = "#else /* the mathematics */"  # the line of a source after which it is

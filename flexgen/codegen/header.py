@@ -99,7 +99,7 @@ typedef enum {{
 }} {spec.name}_status;
 
 /* What a status means, in words; never a null pointer. */
-{api} const char *{spec.name}_status_text(int status);
+{api} const char *{spec.name}_status_text({spec.name}_status status);
 {parameters}
 {_constants(spec)}
 {functions}

@@ -6,16 +6,43 @@ of many points are rows of `flexgen.mechanics.signatures`, hand-written ones row
 
 from __future__ import annotations
 
-from flexgen.codegen.clib_types import Field, Status, Struct
-from flexgen.codegen.limited_functions import LIMITS_STRUCT
+from flexgen.codegen.clib_types import Enum, Field, Limit, Status, Struct
+from flexgen.runtime.identity import ABI_VERSION as ABI_VERSION
 
-ABI_VERSION = 4
 INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
 DELAY_MAX = 4  # of the drive, in samples
 PARTS = ("bvp",)  # optional parts of a library: hand-written functions that it has only where they are asked for
 TOLERANCES = {"double": 1e-6, "single": 1e-3}  # recommended relative residuals
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
-HOLDS = ("spline", "linear", "zoh")  # what the drive does between two samples, numbered in C
+LIMITS = (
+    Limit("STREAM_INTERVALS_MAX", INTERVALS_MAX, "intervals of a horizon, at most"),
+    Limit("STREAM_SAMPLES_MAX", SAMPLES_MAX, "samples per interval, at most"),
+    Limit("STREAM_MORE_SAMPLES", START_SAMPLES, "that stream_start_moving takes beyond the intervals"),
+    Limit("HOLD_DELAY_MAX", DELAY_MAX, "delay of a hold in samples, at most"),
+)
+ENUMS = (
+    Enum(
+        "hold",
+        "What the drive does between two samples of the motor torque. With HOLD_LINEAR and HOLD_ZOH, tau_m has the "
+        "torques to send at the samples, not the torques there: a held sample is late by half a period. All other "
+        "results are those at the samples.",
+        (
+            ("spline", "follows a spline through the samples"),
+            ("linear", "goes on a straight line to the next sample"),
+            ("zoh", "holds each sample until the next one (zero-order hold)"),
+        ),
+    ),
+    Enum(
+        "cause",
+        "Why a stream did not meet its tolerance.",
+        (
+            ("none", "it did"),
+            ("residual", "residual above the tolerance"),
+            ("mismatch", "kinematic mismatch: samples too far apart, or a path that is not smooth"),
+            ("torque_step", "step of a motor torque: horizon too short"),
+        ),
+    ),
+)
 
 
 STATUSES = (
@@ -94,24 +121,38 @@ _TOLERANCE = (
     "what flexgen solve uses (single precision: 1e-3)"
 )
 _HOLD = (
+    Field("hold", "hold", (), "", "what the drive does between two samples of tau_m", "HOLD_SPLINE"),
     Field(
-        "hold",
-        "int",
-        (),
-        "1",
-        "what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples",
+        "delay", "real", (), "1", f"from a sample until the motor has its torque, in samples, 0 to {DELAY_MAX}", "0.0"
     ),
+)
+_FOUND = (
+    Field("residual", "real", (), "1", "residual of the unactuated rows on the mesh, relative as the tolerance"),
+    Field("residual_at_samples", "real", (), "1", "the same at the samples of the results"),
     Field(
-        "delay",
+        "kinematic_mismatch",
         "real",
         (),
         "1",
-        f"from a sample until the motor has its torque, in samples, 0 to {DELAY_MAX}",
+        "largest difference between velocities and accelerations and the numerical derivatives of positions and "
+        "velocities at the samples, relative to their largest value",
     ),
+)
+_COUNTS = (
+    Field("iterations", "int", (), "1", "Newton iterations"),
+    Field("intervals", "int", (), "1", "intervals of the mesh"),
+)
+_SETTLED = Field(
+    "n_post",
+    "int",
+    (),
+    "1",
+    "samples after the path until the motion has settled; all after it are the equilibrium. Without the option "
+    "settled, or where the motion has not settled: n_post of the options",
 )
 STRUCTS: tuple[Struct, ...] = (
     Struct(
-        "path",
+        "samples",
         "Samples of the output, one period apart. The output is at rest at the first and at the last sample.",
         (
             Field("n", "int", (), "1", "number of samples, at least 2"),
@@ -123,27 +164,29 @@ STRUCTS: tuple[Struct, ...] = (
     ),
     Struct(
         "inversion_options",
-        "Options of invert and bvp.",
+        "Options of a whole path; inversion_defaults gives their defaults.",
         (
-            Field("n_pre", "int", (), "1", "samples before the path, for the motion that unstable zeros require"),
+            Field("n_pre", "int", (), "1", "samples before the path, for the motion that unstable zeros require", "0"),
             Field(
                 "n_post",
                 "int",
                 (),
                 "1",
                 "samples after the path, in which stable zeros and the deflections of damped gears decay",
+                "0",
             ),
-            Field("samples_per_interval", "int", (), "1", "samples per interval of the mesh"),
-            Field("tolerance", "real", (), "1", _TOLERANCE),
+            Field("samples_per_interval", "int", (), "1", "samples per interval of the mesh", "1"),
+            Field("tolerance", "real", (), "1", _TOLERANCE, "tolerance"),
             *_HOLD,
             Field(
                 "settled",
                 "real",
                 (),
                 "1",
-                "0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is "
-                "left of it moves the output by less than this [m or rad], at least 0.05 s and 20 D / K of the slowest "
-                "gear after the path, the samples from there on are the equilibrium. bvp: 0",
+                "above 0: the samples after the path end once the residual motion changes the output by less than this "
+                "[m or rad], but not before 0.05 s and 20 D / K of the slowest gear; 0: all n_post samples are "
+                "computed, as bvp does",
+                "0.0",
             ),
         ),
     ),
@@ -160,49 +203,68 @@ STRUCTS: tuple[Struct, ...] = (
             Field("tau_m", "real *", ("N", "n_m"), "N m", "motor torques"),
         ),
     ),
+    Struct("invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED)),
     Struct(
-        "inversion_info",
-        "What invert and bvp report.",
+        "bvp_info",
+        "What bvp reports.",
         (
+            *_FOUND,
+            *_COUNTS,
+            Field("unstable_zeros_start", "int", (), "1", "unstable zeros at the start of the path"),
+            Field("unstable_zeros_end", "int", (), "1", "unstable zeros at its end"),
+        ),
+    ),
+    Struct(
+        "inversion_limits",
+        "Limits of invert_limited. A null member or an infinite entry is no limit.",
+        (
+            Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
+            Field("speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"),
             Field(
-                "residual", "real", (), "1", "residual of the unactuated rows on the mesh, relative as the tolerance"
+                "deflection_max", "const real *", ("n_e",), "mixed", "largest deflections of the unactuated coordinates"
             ),
-            Field("residual_at_samples", "real", (), "1", "the same at the samples of the results"),
             Field(
-                "kinematic_mismatch",
-                "real",
-                (),
-                "1",
-                "largest difference between velocities and accelerations and the numerical derivatives of positions "
-                "and velocities at the samples, relative to their largest value",
+                "knot_samples", "int", (), "1", "samples between two knots of the deviation; 0: a thirtieth of the path"
             ),
-            Field("iterations", "int", (), "1", "Newton iterations"),
-            Field("intervals", "int", (), "1", "intervals of the mesh"),
-            Field("deviation_m", "real", (), "m", "invert_limited: largest distance from the given path; else 0"),
+            Field("deviation", "real *", ("n", "n_y"), "mixed", "result: deviation from the path; not written if null"),
+        ),
+    ),
+    Struct(
+        "invert_limited_info",
+        "What invert_limited reports.",
+        (
+            *_FOUND,
+            Field("deviation_m", "real", (), "m", "largest distance from the given path"),
             Field("deviation_rad", "real", (), "rad", "the same of angles"),
-            Field("limit_excess", "real", (), "1", "invert_limited: largest violation of a limit, relative; else 0"),
-            Field("programs", "int", (), "1", "invert_limited: quadratic programs; else 0"),
-            Field("unstable_zeros_start", "int", (), "1", "bvp: unstable zeros at the start of the path; else 0"),
-            Field("unstable_zeros_end", "int", (), "1", "bvp: unstable zeros at its end; else 0"),
+            Field("limit_excess", "real", (), "1", "largest violation of a limit, relative"),
+            Field("programs", "int", (), "1", "quadratic programs"),
+            *_COUNTS,
+            _SETTLED,
+        ),
+    ),
+    Struct(
+        "stream",
+        "A stream: memory of the caller that holds its whole state. Copy the memory to copy the stream.",
+        (
+            Field("memory", "real *", ("size",), "", ""),
+            Field("size", "int64_t", (), "1", "its length, at least stream_work"),
+        ),
+    ),
+    Struct(
+        "stream_options",
+        "Options of a stream; stream_defaults gives those that are recommended for the model.",
+        (
+            Field("intervals", "int", (), "1", f"intervals of the horizon, 1 to {INTERVALS_MAX}", "STREAM_INTERVALS"),
             Field(
-                "n_post",
+                "samples_per_interval",
                 "int",
                 (),
                 "1",
-                "samples after the path until the motion has settled; the last of them, and all after it, are the "
-                "equilibrium. n_post of the options where it has not settled, or settled is 0",
+                f"samples of the results per update, 1 to {SAMPLES_MAX}",
+                "STREAM_SAMPLES_PER_INTERVAL",
             ),
-        ),
-    ),
-    LIMITS_STRUCT,
-    Struct(
-        "stream_options",
-        "Options of a stream.",
-        (
-            Field("intervals", "int", (), "1", f"intervals of the horizon, 1 to {INTERVALS_MAX}"),
-            Field("samples_per_interval", "int", (), "1", f"samples of the results per update, 1 to {SAMPLES_MAX}"),
-            Field("period", "real", (), "s", "time between two updates: the length of an interval"),
-            Field("tolerance", "real", (), "1", _TOLERANCE),
+            Field("period", "real", (), "s", "time between two updates: the length of an interval", "STREAM_PERIOD"),
+            Field("tolerance", "real", (), "1", _TOLERANCE, "tolerance"),
             *_HOLD,
         ),
     ),
@@ -211,7 +273,7 @@ STRUCTS: tuple[Struct, ...] = (
         "What stream_update reports.",
         (
             Field("residual", "real", (), "1", "residual of the unactuated rows, relative as the tolerance"),
-            Field("kinematic_mismatch", "real", (), "1", "as in inversion_info, limit 0.02 (single precision: 0.25)"),
+            Field("kinematic_mismatch", "real", (), "1", "as in invert_info, limit 0.02 (single precision: 0.25)"),
             Field(
                 "torque_step",
                 "real",
@@ -231,17 +293,13 @@ STRUCTS: tuple[Struct, ...] = (
             Field("output_step_rad", "real", (), "rad", "the same of angles"),
             Field("deviation_m", "real", (), "m", "distance of the modified path from the given one"),
             Field("deviation_rad", "real", (), "rad", "angle between both"),
-            Field("iterations", "int", (), "1", "iterations of the solver: 1"),
-            Field("intervals", "int", (), "1", "intervals of the horizon"),
-            Field(
-                "cause",
-                "int",
-                (),
-                "1",
-                "of TOLERANCE_NOT_MET: 1 residual, 2 kinematic mismatch (samples too far apart, or a path that is not "
-                "smooth), 3 torque step (horizon too short); else 0",
-            ),
+            Field("cause", "cause", (), "", "of TOLERANCE_NOT_MET"),
             Field("limits_active", "int", (), "1", "1 where limits modify the path or are exceeded, else 0"),
         ),
     ),
 )
+
+
+def default_of(field: Field, precision: str) -> str:
+    """The default of a member of options in C, without the library's name."""
+    return repr(TOLERANCES[precision]) if field.default == "tolerance" else field.default

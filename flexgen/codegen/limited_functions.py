@@ -1,20 +1,8 @@
-"""Inverse dynamics within limits in the hand-written C: its struct and functions, for `flexgen.codegen.c_functions`."""
+"""Inverse dynamics within limits in the hand-written C: its functions, for `flexgen.codegen.c_functions`."""
 
 from __future__ import annotations
 
-from flexgen.codegen.clib_types import CFunction, Field, Struct
-
-LIMITS_STRUCT = Struct(
-    "inversion_limits",
-    "Limits of invert_limited. A null member or an infinite entry is no limit.",
-    (
-        Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
-        Field("speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"),
-        Field("deflection_max", "const real *", ("n_e",), "mixed", "largest deflections of the unactuated coordinates"),
-        Field("knot_samples", "int", (), "1", "samples between two knots of the deviation; 0: a thirtieth of the path"),
-        Field("deviation", "real *", ("n", "n_y"), "mixed", "result: deviation from the path; not written if null"),
-    ),
-)
+from flexgen.codegen.clib_types import CFunction, Field
 
 _OPTIONS = Field("options", "const inversion_options *", (), "", "")
 _LIMITS = Field("limits", "const inversion_limits *", (), "", "")
@@ -42,12 +30,12 @@ LIMITED_FUNCTIONS = (
         "rest at an end. The limits hold for the torque itself: with a hold, tau_m is what to send, which may exceed "
         "them a little. The call inverts the path some hundred times.",
         (
-            Field("path", "const path *", (), "", "samples of the output"),
+            Field("samples", "const samples *", (), "", "samples of the output"),
             Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium at the first sample"),
             _OPTIONS,
             _LIMITS,
             Field("motion", "motion *", (), "", "results; N = n_pre + n + n_post"),
-            Field("info", "inversion_info *", (), "", "what the solver reports"),
+            Field("info", "invert_limited_info *", (), "", "what the solver reports"),
             Field("work", "real *", ("work_size",), "", "workspace"),
             Field("work_size", "int64_t", (), "1", "its length, at least invert_limited_work"),
         ),

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from flexgen.codegen.c_functions import offered_c_functions
-from flexgen.codegen.clib_types import CFunction, signature_of
+from flexgen.codegen.clib_types import CFunction, Enum, Struct, signature_of
 from flexgen.codegen.digest import model_digest
-from flexgen.codegen.interface import STRUCTS
+from flexgen.codegen.interface import ENUMS, STRUCTS
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
@@ -179,6 +179,19 @@ class LibrarySpec:
         return tuple(function for function in self.c_functions if function.header == header)
 
     @property
+    def structs(self) -> tuple[Struct, ...]:
+        """The structs that its hand-written functions take or return."""
+        used = {a.base for f in self.declared_in("inversion") for a in f.arguments}
+        used |= {f.returns for f in self.declared_in("inversion")}
+        return tuple(struct for struct in STRUCTS if struct.name in used)
+
+    @property
+    def enums(self) -> tuple[Enum, ...]:
+        """The enumerations that are members of its structs."""
+        used = {field.kind for struct in self.structs for field in struct.fields}
+        return tuple(enum for enum in ENUMS if enum.name in used)
+
+    @property
     def inverts(self) -> bool:
         """Whether the library has inverse dynamics along paths."""
         return bool(self.declared_in("inversion"))
@@ -195,8 +208,7 @@ class LibrarySpec:
 
         lines = [f"{f.name}({listed(f.inputs)})({listed(f.outputs)})\n" for f in self.functions]
         lines += ["parameters for each point\n"] if self.per_point else []
-        if self.inverts:
-            lines += [f"{signature_of(struct)}\n" for struct in STRUCTS]
+        lines += [f"{signature_of(struct)}\n" for struct in self.structs]
         lines += [f"{function.signature}\n" for function in self.c_functions]
         return hashlib.sha256("".join(lines).encode()).hexdigest()
 

@@ -22,7 +22,7 @@ from flexgen.codegen.amalgamation import amalgamated
 from flexgen.codegen.c_functions import check_parts
 from flexgen.codegen.clib_types import signature_of
 from flexgen.codegen.digest import model_digest
-from flexgen.codegen.interface import ABI_VERSION, PARTS, STATUSES, STRUCTS
+from flexgen.codegen.interface import ABI_VERSION, LIMITS, PARTS, STATUSES
 from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, chosen_functions, library_name, library_spec
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
@@ -42,14 +42,13 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.friction_laws import added_sources
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.runtime.identity import FORMAT
 from flexgen.type_checks import checked_result, checked_types
 from flexgen.types_of_values import items_of
 from flexgen.version import __version__
 
 if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations
-
-FORMAT = 2
 
 
 @checked_result
@@ -411,8 +410,10 @@ def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) ->
         ],
         "structs": [
             {"name": struct.name, "signature": signature_of(struct), "fields": [asdict(f) for f in struct.fields]}
-            for struct in (STRUCTS if spec.inverts else ())
+            for struct in spec.structs
         ],
+        "enums": {enum.name: enum.names for enum in spec.enums},
+        "limits": {limit.name: limit.value for limit in LIMITS},
         "c_functions": [{**asdict(f), "signature": f.signature} for f in spec.c_functions],
         "files": {},
         "build": None,

@@ -21,6 +21,6 @@ def __getattr__(name: str) -> Any:
     """The names of the package; imported here, since compilers of modules need only a part of the package."""
     if name not in __all__:
         raise AttributeError(f"module 'flexgen.runtime' has no attribute {name!r}")
-    from flexgen.runtime import library
+    from flexgen.runtime import identity, library
 
-    return getattr(library, name)
+    return getattr(library if hasattr(library, name) else identity, name)

@@ -13,7 +13,7 @@ import numpy as np
 from flexgen.errors import BuildError
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder
 
-ABI_VERSION, FORMAT = 4, 2  # of the interface between Python and C; of the manifest
+ABI_VERSION, FORMAT = 5, 3  # of the interface between Python and C; of the manifest
 REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
 
 _SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_y", "n_t", "n_s", "n_p", "n_packed")

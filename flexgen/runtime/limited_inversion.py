@@ -18,8 +18,6 @@ from flexgen.runtime.path_inversion import (
 )
 from flexgen.runtime.structs import filled
 
-_LIMITS_INFEASIBLE = -14  # a status of the C
-
 
 class LimitsInfeasibleError(SolverError):
     """The limits cannot be kept; ``excess``: the largest violation that is left, relative to the limit."""
@@ -108,7 +106,7 @@ class LimitedInverter(Inverter):
         return replace(self._inverted(given, values, q, period, options, bounds), deviation=deviation)
 
     def _check_status(self, status: int, reported: dict[str, Any]) -> None:
-        if status == _LIMITS_INFEASIBLE:
+        if status == self._interface.statuses["LIMITS_INFEASIBLE"]:
             excess = reported["limit_excess"]
             text = f"{self._failures[status][1]} (a limit is exceeded by {excess:.2g} of its value)"
             raise LimitsInfeasibleError(f"{self._function}: {text}", excess)

@@ -17,12 +17,10 @@ from flexgen.counts import shown
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
-from flexgen.runtime.structs import filled, structs_of
+from flexgen.runtime.structs import Interface, filled, interface_of
 
 TOLERANCE = 1e-6  # of whole paths and streams: on the mesh the residual of a deflection of 1e-8 rad or m
 SINGLE_TOLERANCE = 1e-3  # the same in single precision: residuals of rounding are smaller
-_HOLDS, _DELAY_MAX = ("spline", "linear", "zoh"), 4  # numbered in C; samples
-LIMITS_ACTIVE = 2  # a status of the C: of invert_limited only
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -84,9 +82,9 @@ class Inversion:
     kinematic_mismatch: float
     iterations: int
     intervals: int
-    unstable_zeros_start: int
-    unstable_zeros_end: int
     converged: bool
+    unstable_zeros_start: int = 0
+    unstable_zeros_end: int = 0
     deviation_m: float = 0.0
     deviation_rad: float = 0.0
     limit_excess: float = 0.0
@@ -112,7 +110,7 @@ class Inverter:
         self,
         name: str,
         sizes: Mapping[str, int],
-        structs: Mapping[str, type[ctypes.Structure]],
+        interface: Interface,
         entry: Callable[..., int],
         work: Callable[..., int],
         failures: Mapping[int, tuple[type[FlexgenError], str]],
@@ -120,7 +118,7 @@ class Inverter:
         function: str,
         parameters: np.ndarray,
     ) -> None:
-        self._name, self._sizes, self._structs = name, sizes, structs
+        self._name, self._sizes, self._interface, self._structs = name, sizes, interface, interface.structs
         self._parameters, self._real = parameters, parameters.dtype
         self._entry, self._work, self._failures = entry, work, failures
         self._function, self._can_settle = function, function != "bvp"
@@ -230,7 +228,12 @@ class Inverter:
         if not (0.0 <= settled < 1.0 if self._can_settle else settled == 0.0):
             wanted = "a number from 0 to 1 [m or rad]" if self._can_settle else "0: all samples are computed"
             raise ArgumentError(f"{self._function}, settled: given {settled:g}, expected {wanted}")
-        return {**counts, **hold_of(self._function, hold, delay), "tolerance": tolerance, "settled": settled}
+        return {
+            **counts,
+            **hold_of(self._interface, self._function, hold, delay),
+            "tolerance": tolerance,
+            "settled": settled,
+        }
 
     def _inverted(
         self,
@@ -248,8 +251,8 @@ class Inverter:
         further = tuple(ctypes.byref(x) for x in (filled_options, *limits))
         work = self._workspace(self._work_size(n, further, counts))
         out = self._results(n + counts["n_pre"] + counts["n_post"])
-        path, motion = filled(structs["path"], n=n, period=period, **given), filled(structs["motion"], **out)
-        info = structs["inversion_info"](residual=np.nan)
+        path, motion = filled(structs["samples"], n=n, period=period, **given), filled(structs["motion"], **out)
+        info = structs[f"{self._function}_info"](residual=np.nan)
         status = int(
             self._entry(
                 ctypes.byref(path),
@@ -263,15 +266,17 @@ class Inverter:
             )
         )
         self._pool.append(work)
-        reported: dict[str, Any] = {key: getattr(info, key) for key, *_ in structs["inversion_info"]._fields_}
+        reported: dict[str, Any] = {key: getattr(info, key) for key, *_ in info._fields_}
         self._check_status(status, reported)
+        reported.setdefault("n_post", counts["n_post"])
         rows = counts["n_pre"] + n + reported["n_post"]
+        active = status == self._interface.statuses["LIMITS_ACTIVE"]
         return Inversion(
             **{key: x[:rows] for key, x in out.items()},
             n_pre=counts["n_pre"],
             period=period,
-            converged=status in (0, LIMITS_ACTIVE),
-            limits_active=status == LIMITS_ACTIVE,
+            converged=status == 0 or active,
+            limits_active=active,
             **reported,
         )
 
@@ -333,7 +338,7 @@ def inverter_of(
     work = found(f"{name}_{function}_work")
     work.restype = ctypes.c_int64
     entry = found(f"{name}_{function}")
-    return form(name, manifest["sizes"], structs_of(manifest), entry, work, failures, again, function, parameters)
+    return form(name, manifest["sizes"], interface_of(manifest), entry, work, failures, again, function, parameters)
 
 
 def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray:
@@ -382,17 +387,18 @@ def whole_of(function: str, name: str, x: Any) -> int:
     return int(x)
 
 
-def hold_of(function: str, hold: Any, delay: Any) -> dict[str, Any]:
+def hold_of(interface: Interface, function: str, hold: Any, delay: Any) -> dict[str, Any]:
     """The options of a hold, checked."""
-    if hold not in _HOLDS:
-        raise ArgumentError(f"{function}, hold: given {hold!r}, expected one of {', '.join(_HOLDS)}")
+    holds, most = interface.enums["hold"], interface.limits["HOLD_DELAY_MAX"]
+    if hold not in holds:
+        raise ArgumentError(f"{function}, hold: given {hold!r}, expected one of {', '.join(holds)}")
     late = number_of(function, "delay", delay)
-    if not 0.0 <= late <= _DELAY_MAX:
+    if not 0.0 <= late <= most:
         raise ArgumentError(
-            f"{function}, delay: given {delay!r} samples, expected 0 to {_DELAY_MAX}; for a longer delay give the path "
+            f"{function}, delay: given {delay!r} samples, expected 0 to {most}; for a longer delay give the path "
             "earlier"
         )
-    return {"hold": _HOLDS.index(hold), "delay": late}
+    return {"hold": holds.index(hold), "delay": late}
 
 
 def number_of(function: str, name: str, x: Any) -> float:

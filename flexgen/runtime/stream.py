@@ -23,12 +23,11 @@ from flexgen.runtime.path_inversion import (
     tolerance_of,
     whole_of,
 )
-from flexgen.runtime.structs import REAL, filled, structs_of
+from flexgen.runtime.structs import REAL, Interface, filled, interface_of
 from flexgen.type_checks import checked_types
 
-_TOLERANCE_NOT_MET = 1  # a status
-_CAUSES = ("", "residual", "kinematic mismatch", "horizon")  # of a tolerance that is not met, in the order of C
-START_SAMPLES = 16  # beyond those of the horizon, of a stream that starts in motion
+# In words, of a tolerance that is not met; by members of the enum of C.
+_CAUSES = {"none": "", "residual": "residual", "mismatch": "kinematic mismatch", "torque_step": "horizon"}
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -42,7 +41,7 @@ class StreamEntries:
 
     name: str
 
-    structs: Mapping[str, type[ctypes.Structure]]
+    interface: Interface
     work: Callable[..., int]
     start: Callable[..., int]
     start_moving: Callable[..., int]
@@ -58,6 +57,11 @@ class StreamEntries:
     def real(self) -> np.dtype[Any]:
         """The type of the library's numbers."""
         return self.model_parameters.dtype
+
+    @property
+    def structs(self) -> Mapping[str, type[ctypes.Structure]]:
+        """The structs of the interface."""
+        return self.interface.structs
 
     def refuse_closed(self) -> None:
         """ArgumentError where the library is closed."""
@@ -165,34 +169,39 @@ class Stream:
             samples_per_interval=self.samples_per_interval,
             period=self.period,
             tolerance=number_of("stream", "tolerance", tolerance),
-            **hold_of("stream", hold, delay),
+            **hold_of(entries.interface, "stream", hold, delay),
         )
-        size = int(entries.work(ctypes.byref(options)))
+        limits, size = entries.interface.limits, int(entries.work(ctypes.byref(options)))
         if size < 0:
             raise ArgumentError(
                 f"stream: given {self.intervals} intervals and {self.samples_per_interval} samples per interval, "
-                "expected 1 to 10000 and 1 to 1000"
+                f"expected 1 to {limits['STREAM_INTERVALS_MAX']} and 1 to {limits['STREAM_SAMPLES_MAX']}"
             )
         q = array_of("stream", "q_start", q_start, (self._sizes["n_a"],), real)
         held = parameters_of("stream", parameters, entries.model_parameters)
         self._memory = np.zeros(size, real)
-        memory = (pointer(self._memory), ctypes.c_int64(size), ctypes.byref(options))
+        handle = self._handle()
+        memory = (ctypes.byref(handle), ctypes.byref(options))
         if dy is None and ddy is None:
             at = array_of("stream", "y", y, (self._sizes["n_t"],), real)
             status = entries.start(*memory, pointer(at), *pointers(held), pointer(q))
         else:
             arrays = self._samples(y, dy, ddy)
-            path = filled(entries.structs["path"], n=self.intervals + START_SAMPLES, period=self.period, **arrays)
+            path = filled(entries.structs["samples"], n=len(arrays["y"]), period=self.period, **arrays)
             status = entries.start_moving(*memory, ctypes.byref(path), *pointers(held), pointer(q))
         self._refuse(int(status))
         self._bind()
 
     def _samples(self, y: Any, dy: Any, ddy: Any) -> dict[str, np.ndarray]:
         """The samples of the path of a stream that starts in motion, checked."""
-        n = self.intervals + START_SAMPLES
+        n = self.intervals + self._entries.interface.limits["STREAM_MORE_SAMPLES"]
         widths = {"y": (y, "n_t"), "dy": (dy, "n_y"), "ddy": (ddy, "n_y")}
         real, sizes = self._entries.real, self._sizes
         return {key: array_of("stream", key, x, (n, sizes[width]), real) for key, (x, width) in widths.items()}
+
+    def _handle(self) -> ctypes.Structure:
+        """The stream in C; its memory is that of this object."""
+        return filled(self._entries.structs["stream"], memory=self._memory, size=self._memory.size)
 
     def _bind(self) -> None:
         """Memory of the arguments of an update, and their addresses."""
@@ -203,8 +212,9 @@ class Stream:
         structs = self._entries.structs
         self._motion = filled(structs["motion"], **dict(zip(_RESULTS, self._outputs, strict=True)))
         self._info = structs["stream_info"]()
-        bound = tuple(pointer(x) for x in (self._memory, *self._inputs))
-        self._arguments = (*bound, ctypes.byref(self._motion), ctypes.byref(self._info))
+        self._stream = self._handle()
+        bound = tuple(pointer(x) for x in self._inputs)
+        self._arguments = (ctypes.byref(self._stream), *bound, ctypes.byref(self._motion), ctypes.byref(self._info))
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
@@ -272,7 +282,7 @@ class Stream:
                 memory[...] = x
             status = int(self._entries.update(*self._arguments))
             self._refuse(status)
-            info = self._info
+            info, interface = self._info, self._entries.interface
             results: dict[str, Any] = dict(zip(_RESULTS, (x.copy() for x in self._outputs), strict=True))
             return Interval(
                 **results,
@@ -281,8 +291,8 @@ class Stream:
                 torque_step=info.torque_step,
                 output_step_m=info.output_step_m,
                 output_step_rad=info.output_step_rad,
-                cause=_CAUSES[info.cause],
-                converged=status != _TOLERANCE_NOT_MET,
+                cause=_CAUSES[interface.enums["cause"][info.cause]],
+                converged=status != interface.statuses["TOLERANCE_NOT_MET"],
                 limits_active=bool(info.limits_active),
                 deviation_m=info.deviation_m,
                 deviation_rad=info.deviation_rad,
@@ -320,7 +330,7 @@ class Stream:
         try:
             real = REAL["double" if self._entries.real == np.float64 else "single"]
             most = real(number_of("stream", "deviation", deviation))
-            self._refuse(int(self._entries.limits(pointer(self._memory), *(pointer(x) for x in both), most)))
+            self._refuse(int(self._entries.limits(ctypes.byref(self._stream), *(pointer(x) for x in both), most)))
         finally:
             self._lock.release()
 
@@ -346,7 +356,7 @@ class Stream:
             raise ArgumentError("stream: given parameters while an update runs, expected one after the other")
         try:
             assert self._entries.change is not None  # the library has parameters
-            self._refuse(int(self._entries.change(pointer(self._memory), pointer(values))))
+            self._refuse(int(self._entries.change(ctypes.byref(self._stream), pointer(values))))
         finally:
             self._lock.release()
 
@@ -372,7 +382,17 @@ def streams_of(
     work.restype = ctypes.c_int64
     change = found(f"{manifest['name']}_stream_parameters") if parameters.size else None
     return StreamEntries(
-        manifest["name"], structs_of(manifest), work, start, moving, update, limits, change, parameters, failures, again
+        manifest["name"],
+        interface_of(manifest),
+        work,
+        start,
+        moving,
+        update,
+        limits,
+        change,
+        parameters,
+        failures,
+        again,
     )
 
 

@@ -1,9 +1,10 @@
-"""The structs of a loaded library as ctypes structures, made from its manifest: one statement of their layout."""
+"""The C interface of a loaded library, as its manifest states it: structs, enums, limits and statuses."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -16,11 +17,44 @@ REAL: dict[str, Any] = {"double": ctypes.c_double, "single": ctypes.c_float}  # 
 _POINTERS = ("const real *", "real *")
 
 
+@dataclass(frozen=True)
+class Interface:
+    """What the manifest says of the C interface.
+
+    Parameters
+    ----------
+    structs : mapping of str to type
+        ctypes structures by name.
+    enums : mapping of str to tuple of str
+        Names of the members, at their numbers.
+    limits : mapping of str to int
+        Bounds of arguments; in C macros of the same names.
+    statuses : mapping of str to int
+        Numbers by name.
+    """
+
+    structs: Mapping[str, type[ctypes.Structure]]
+    enums: Mapping[str, tuple[str, ...]]
+    limits: Mapping[str, int]
+    statuses: Mapping[str, int]
+
+
+def interface_of(manifest: Mapping[str, Any]) -> Interface:
+    """The interface of a library; ValueError for a member of an unknown type."""
+    enums = {name: tuple(members) for name, members in manifest.get("enums", {}).items()}
+    statuses = {status["name"]: int(status["code"]) for status in manifest["statuses"]}
+    return Interface(structs_of(manifest), enums, dict(manifest.get("limits", {})), statuses)
+
+
 def structs_of(manifest: Mapping[str, Any]) -> dict[str, type[ctypes.Structure]]:
     """Structures by name; ValueError for a member of an unknown type."""
-    real = manifest.get("precision", "double")
+    real, enums = manifest.get("precision", "double"), manifest.get("enums", {})
+
+    def kind(field: Mapping[str, str]) -> str:
+        return "int" if field["kind"] in enums else field["kind"]
+
     return {
-        struct["name"]: _structure(real, struct["name"], tuple((f["name"], f["kind"]) for f in struct["fields"]))
+        struct["name"]: _structure(real, struct["name"], tuple((f["name"], kind(f)) for f in struct["fields"]))
         for struct in manifest.get("structs", ())
     }
 

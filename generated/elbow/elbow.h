@@ -87,7 +87,7 @@ typedef enum {
 } elbow_status;
 
 /* What a status means, in words; never a null pointer. */
-ELBOW_API const char *elbow_status_text(int status);
+ELBOW_API const char *elbow_status_text(elbow_status status);
 
 /* Constants of the model. */
 /* gear ratios: q_m = gear_ratio q_g without deflection */

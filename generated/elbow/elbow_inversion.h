@@ -17,16 +17,31 @@ extern "C" {
 
 #define ELBOW_STREAM_INTERVALS_MAX 10000 /* intervals of a horizon, at most */
 #define ELBOW_STREAM_SAMPLES_MAX 1000 /* samples per interval, at most */
+#define ELBOW_STREAM_MORE_SAMPLES 16 /* that stream_start_moving takes beyond the intervals */
 #define ELBOW_HOLD_DELAY_MAX 4 /* delay of a hold in samples, at most */
-#define ELBOW_STREAM_START_SAMPLES(intervals) ((intervals) + 16) /* of stream_start_moving */
+#define ELBOW_STREAM_START_SAMPLES(intervals) \
+    ((intervals) + ELBOW_STREAM_MORE_SAMPLES) /* of stream_start_moving */
 
 /*
- * What the drive does between two samples of the motor torque: HOLD_SPLINE follows a spline through them, HOLD_LINEAR
- * goes on a straight line to the next one, HOLD_ZOH holds each of them until the next one (zero-order hold). For the
- * last two the torque at the samples is not the torque to send: a held sample is late by half a period. invert, bvp
- * and stream_update then give in tau_m the torques to send at the samples. All other results are those at the samples.
+ * What the drive does between two samples of the motor torque. With HOLD_LINEAR and HOLD_ZOH, tau_m has the torques to
+ * send at the samples, not the torques there: a held sample is late by half a period. All other results are those at
+ * the samples.
  */
-typedef enum { ELBOW_HOLD_SPLINE = 0, ELBOW_HOLD_LINEAR = 1, ELBOW_HOLD_ZOH = 2 } elbow_hold;
+typedef enum {
+    ELBOW_HOLD_SPLINE = 0 /* follows a spline through the samples */,
+    ELBOW_HOLD_LINEAR = 1 /* goes on a straight line to the next sample */,
+    ELBOW_HOLD_ZOH = 2 /* holds each sample until the next one (zero-order hold) */
+} elbow_hold;
+
+/*
+ * Why a stream did not meet its tolerance.
+ */
+typedef enum {
+    ELBOW_CAUSE_NONE = 0 /* it did */,
+    ELBOW_CAUSE_RESIDUAL = 1 /* residual above the tolerance */,
+    ELBOW_CAUSE_MISMATCH = 2 /* kinematic mismatch: samples too far apart, or a path that is not smooth */,
+    ELBOW_CAUSE_TORQUE_STEP = 3 /* step of a motor torque: horizon too short */
+} elbow_cause;
 
 /* Memory of a stream in reals, as a constant expression: at least stream_work. */
 #define ELBOW_STREAM_SIZE(intervals, samples_per_interval) \
@@ -58,9 +73,9 @@ typedef struct {
     const elbow_real *dy;
     /* n x n_y [mixed] its second time derivative; for a pose linear and angular acceleration */
     const elbow_real *ddy;
-} elbow_path;
+} elbow_samples;
 
-/* Options of invert and bvp. */
+/* Options of a whole path; inversion_defaults gives their defaults. */
 typedef struct {
     int n_pre; /* samples before the path, for the motion that unstable zeros require */
     int n_post; /* samples after the path, in which stable zeros and the deflections of damped gears decay */
@@ -68,12 +83,10 @@ typedef struct {
     /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6 is
      * what flexgen solve uses (single precision: 1e-3) */
     elbow_real tolerance;
-    /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
-    int hold;
+    elbow_hold hold; /* what the drive does between two samples of tau_m */
     elbow_real delay; /* from a sample until the motor has its torque, in samples, 0 to 4 */
-    /* 0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is left of it
-     * moves the output by less than this [m or rad], at least 0.05 s and 20 D / K of the slowest gear after the path,
-     * the samples from there on are the equilibrium. bvp: 0 */
+    /* above 0: the samples after the path end once the residual motion changes the output by less than this [m or
+     * rad], but not before 0.05 s and 20 D / K of the slowest gear; 0: all n_post samples are computed, as bvp does */
     elbow_real settled;
 } elbow_inversion_options;
 
@@ -88,7 +101,7 @@ typedef struct {
     elbow_real *tau_m; /* N x n_m [N m] motor torques */
 } elbow_motion;
 
-/* What invert and bvp report. */
+/* What invert reports. */
 typedef struct {
     elbow_real residual; /* residual of the unactuated rows on the mesh, relative as the tolerance */
     elbow_real residual_at_samples; /* the same at the samples of the results */
@@ -97,16 +110,10 @@ typedef struct {
     elbow_real kinematic_mismatch;
     int iterations; /* Newton iterations */
     int intervals; /* intervals of the mesh */
-    elbow_real deviation_m; /* [m] invert_limited: largest distance from the given path; else 0 */
-    elbow_real deviation_rad; /* [rad] the same of angles */
-    elbow_real limit_excess; /* invert_limited: largest violation of a limit, relative; else 0 */
-    int programs; /* invert_limited: quadratic programs; else 0 */
-    int unstable_zeros_start; /* bvp: unstable zeros at the start of the path; else 0 */
-    int unstable_zeros_end; /* bvp: unstable zeros at its end; else 0 */
-    /* samples after the path until the motion has settled; the last of them, and all after it, are the equilibrium.
-     * n_post of the options where it has not settled, or settled is 0 */
+    /* samples after the path until the motion has settled; all after it are the equilibrium. Without the option
+     * settled, or where the motion has not settled: n_post of the options */
     int n_post;
-} elbow_inversion_info;
+} elbow_invert_info;
 
 /* Limits of invert_limited. A null member or an infinite entry is no limit. */
 typedef struct {
@@ -117,7 +124,31 @@ typedef struct {
     elbow_real *deviation; /* n x n_y [mixed] result: deviation from the path; not written if null */
 } elbow_inversion_limits;
 
-/* Options of a stream. */
+/* What invert_limited reports. */
+typedef struct {
+    elbow_real residual; /* residual of the unactuated rows on the mesh, relative as the tolerance */
+    elbow_real residual_at_samples; /* the same at the samples of the results */
+    /* largest difference between velocities and accelerations and the numerical derivatives of positions and
+     * velocities at the samples, relative to their largest value */
+    elbow_real kinematic_mismatch;
+    elbow_real deviation_m; /* [m] largest distance from the given path */
+    elbow_real deviation_rad; /* [rad] the same of angles */
+    elbow_real limit_excess; /* largest violation of a limit, relative */
+    int programs; /* quadratic programs */
+    int iterations; /* Newton iterations */
+    int intervals; /* intervals of the mesh */
+    /* samples after the path until the motion has settled; all after it are the equilibrium. Without the option
+     * settled, or where the motion has not settled: n_post of the options */
+    int n_post;
+} elbow_invert_limited_info;
+
+/* A stream: memory of the caller that holds its whole state. Copy the memory to copy the stream. */
+typedef struct {
+    elbow_real *memory; /* size */
+    int64_t size; /* its length, at least stream_work */
+} elbow_stream;
+
+/* Options of a stream; stream_defaults gives those that are recommended for the model. */
 typedef struct {
     int intervals; /* intervals of the horizon, 1 to 10000 */
     int samples_per_interval; /* samples of the results per update, 1 to 1000 */
@@ -125,15 +156,14 @@ typedef struct {
     /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6 is
      * what flexgen solve uses (single precision: 1e-3) */
     elbow_real tolerance;
-    /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
-    int hold;
+    elbow_hold hold; /* what the drive does between two samples of tau_m */
     elbow_real delay; /* from a sample until the motor has its torque, in samples, 0 to 4 */
 } elbow_stream_options;
 
 /* What stream_update reports. */
 typedef struct {
     elbow_real residual; /* residual of the unactuated rows, relative as the tolerance */
-    elbow_real kinematic_mismatch; /* as in inversion_info, limit 0.02 (single precision: 0.25) */
+    elbow_real kinematic_mismatch; /* as in invert_info, limit 0.02 (single precision: 0.25) */
     /* largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 (single
      * precision: 5e-3) */
     elbow_real torque_step;
@@ -143,13 +173,21 @@ typedef struct {
     elbow_real output_step_rad; /* [rad] the same of angles */
     elbow_real deviation_m; /* [m] distance of the modified path from the given one */
     elbow_real deviation_rad; /* [rad] angle between both */
-    int iterations; /* iterations of the solver: 1 */
-    int intervals; /* intervals of the horizon */
-    /* of TOLERANCE_NOT_MET: 1 residual, 2 kinematic mismatch (samples too far apart, or a path that is not smooth), 3
-     * torque step (horizon too short); else 0 */
-    int cause;
+    elbow_cause cause; /* of TOLERANCE_NOT_MET */
     int limits_active; /* 1 where limits modify the path or are exceeded, else 0 */
 } elbow_stream_info;
+
+/*
+ * The defaults of the options of a whole path.
+ */
+ELBOW_API
+elbow_inversion_options elbow_inversion_defaults(void);
+
+/*
+ * The recommended options of a stream; the intervals and the period are 0 where the home pose has none.
+ */
+ELBOW_API
+elbow_stream_options elbow_stream_defaults(void);
 
 /*
  * Length of the workspace of invert, in reals; -1 where an option is out of range.
@@ -174,7 +212,7 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options);
  * equilibrium was found from q_start. Without unactuated coordinates nothing is solved and the residual is zero.
  * Arrays are stored sample after sample: entry i of sample k is x[k * n_a + i]. Stack: at most 11264 bytes.
  *
- *   path                        samples of the output
+ *   samples                     samples of the output
  *   q_start   n_a       [mixed] initial guess of the equilibrium at the first sample
  *   options                     see elbow_inversion_options
  *   motion                      results; N = n_pre + n + n_post
@@ -183,8 +221,8 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options);
  *   work_size           [1]     its length, at least invert_work
  */
 ELBOW_API
-elbow_status elbow_invert(const elbow_path *path, const elbow_real q_start[ELBOW_NA],
-    const elbow_inversion_options *options, elbow_motion *motion, elbow_inversion_info *info, elbow_real *work,
+elbow_status elbow_invert(const elbow_samples *samples, const elbow_real q_start[ELBOW_NA],
+    const elbow_inversion_options *options, elbow_motion *motion, elbow_invert_info *info, elbow_real *work,
     int64_t work_size);
 
 /*
@@ -201,14 +239,13 @@ int64_t elbow_stream_work(const elbow_stream_options *options);
  * The memory holds the whole state of the stream. It may be copied and moved between calls. Each stream needs its own.
  * A stream that has failed can be started again. Stack: at most 11264 bytes.
  *
- *   stream      stream_size         memory of the stream
- *   stream_size             [1]     its length, at least stream_work
- *   options                         see elbow_stream_options
- *   y           n_t         [mixed] output; for a pose the position, then the rotation matrix by columns
- *   q_start     n_a         [mixed] initial guess of the equilibrium
+ *   stream              see elbow_stream
+ *   options             see elbow_stream_options
+ *   y       n_t [mixed] output; for a pose the position, then the rotation matrix by columns
+ *   q_start n_a [mixed] initial guess of the equilibrium
  */
 ELBOW_API
-elbow_status elbow_stream_start(elbow_real *stream, int64_t stream_size, const elbow_stream_options *options,
+elbow_status elbow_stream_start(const elbow_stream *stream, const elbow_stream_options *options,
     const elbow_real y[ELBOW_NT], const elbow_real q_start[ELBOW_NA]);
 
 /*
@@ -227,16 +264,16 @@ elbow_status elbow_stream_start(elbow_real *stream, int64_t stream_size, const e
  * position with zero derivatives until the results are at rest, at least for a whole horizon. Stack: at most 11264
  * bytes.
  *
- *   stream stream_work         memory of the stream
- *   y      n_t         [mixed] output; for a pose the position, then the rotation matrix by columns
- *   dy     n_y         [mixed] its first time derivative; for a pose linear and angular velocity, world axes
- *   ddy    n_y         [mixed] its second time derivative; for a pose linear and angular acceleration
- *   motion                     results; N = samples_per_interval
- *   info                       what the solver reports
+ *   stream             see elbow_stream
+ *   y      n_t [mixed] output; for a pose the position, then the rotation matrix by columns
+ *   dy     n_y [mixed] its first time derivative; for a pose linear and angular velocity, world axes
+ *   ddy    n_y [mixed] its second time derivative; for a pose linear and angular acceleration
+ *   motion             results; N = samples_per_interval
+ *   info               what the solver reports
  */
 ELBOW_API
-elbow_status elbow_stream_update(elbow_real *stream, const elbow_real y[ELBOW_NT], const elbow_real dy[ELBOW_NY],
-    const elbow_real ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info);
+elbow_status elbow_stream_update(const elbow_stream *stream, const elbow_real y[ELBOW_NT],
+    const elbow_real dy[ELBOW_NY], const elbow_real ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info);
 
 /*
  * Begin an update that is done in parts: take the path sample at the end of the horizon.
@@ -247,14 +284,14 @@ elbow_status elbow_stream_update(elbow_real *stream, const elbow_real y[ELBOW_NT
  * begun and was not finished; between stream_begin and stream_finish stream_update, stream_limits and
  * stream_parameters return it too. Stack: at most 11264 bytes.
  *
- *   stream stream_work         memory of the stream
- *   y      n_t         [mixed] output; for a pose the position, then the rotation matrix by columns
- *   dy     n_y         [mixed] its first time derivative; for a pose linear and angular velocity, world axes
- *   ddy    n_y         [mixed] its second time derivative; for a pose linear and angular acceleration
+ *   stream             see elbow_stream
+ *   y      n_t [mixed] output; for a pose the position, then the rotation matrix by columns
+ *   dy     n_y [mixed] its first time derivative; for a pose linear and angular velocity, world axes
+ *   ddy    n_y [mixed] its second time derivative; for a pose linear and angular acceleration
  */
 ELBOW_API
-elbow_status elbow_stream_begin(elbow_real *stream, const elbow_real y[ELBOW_NT], const elbow_real dy[ELBOW_NY],
-    const elbow_real ddy[ELBOW_NY]);
+elbow_status elbow_stream_begin(const elbow_stream *stream, const elbow_real y[ELBOW_NT],
+    const elbow_real dy[ELBOW_NY], const elbow_real ddy[ELBOW_NY]);
 
 /*
  * Do a part of an update that has begun: 1/parts of what is left.
@@ -263,11 +300,11 @@ elbow_status elbow_stream_begin(elbow_real *stream, const elbow_real y[ELBOW_NT]
  * at once, about a seventh of an update. After a negative status other than NULL_ARGUMENT, BAD_ARGUMENT and
  * NOT_STARTED (no update has begun) the stream has failed. Stack: at most 11264 bytes.
  *
- *   stream stream_work     memory of the stream
- *   parts              [1] at least 1; 1: all that is left
+ *   stream      see elbow_stream
+ *   parts   [1] at least 1; 1: all that is left
  */
 ELBOW_API
-elbow_status elbow_stream_advance(elbow_real *stream, int parts);
+elbow_status elbow_stream_advance(const elbow_stream *stream, int parts);
 
 /*
  * Do what is left of an update that has begun; give motion and torques of the interval.
@@ -275,12 +312,12 @@ elbow_status elbow_stream_advance(elbow_real *stream, int parts);
  * Statuses and results are those of stream_update. NOT_STARTED: no update has begun, or the stream has failed. Stack:
  * at most 11264 bytes.
  *
- *   stream stream_work  memory of the stream
- *   motion              results; N = samples_per_interval
- *   info                what the solver reports
+ *   stream   see elbow_stream
+ *   motion   results; N = samples_per_interval
+ *   info     what the solver reports
  */
 ELBOW_API
-elbow_status elbow_stream_finish(elbow_real *stream, elbow_motion *motion, elbow_stream_info *info);
+elbow_status elbow_stream_finish(const elbow_stream *stream, elbow_motion *motion, elbow_stream_info *info);
 
 /*
  * Start a stream in motion: from samples of a path that does not begin at rest.
@@ -292,15 +329,14 @@ elbow_status elbow_stream_finish(elbow_real *stream, elbow_motion *motion, elbow
  * takes the time of about 25 updates, so call it before the first results are needed. BAD_ARGUMENT also means another
  * number of samples or another period than that of the options. Stack: at most 11264 bytes.
  *
- *   stream      stream_size         memory of the stream
- *   stream_size             [1]     its length, at least stream_work
- *   options                         see elbow_stream_options
- *   path                            samples of the output; the period is that of the options
- *   q_start     n_a         [mixed] initial guess of the equilibrium at sample 7, counted from 0
+ *   stream              see elbow_stream
+ *   options             see elbow_stream_options
+ *   samples             of the output; the period is that of the options
+ *   q_start n_a [mixed] initial guess of the equilibrium at sample 7, counted from 0
  */
 ELBOW_API
-elbow_status elbow_stream_start_moving(elbow_real *stream, int64_t stream_size, const elbow_stream_options *options,
-    const elbow_path *path, const elbow_real q_start[ELBOW_NA]);
+elbow_status elbow_stream_start_moving(const elbow_stream *stream, const elbow_stream_options *options,
+    const elbow_samples *samples, const elbow_real q_start[ELBOW_NA]);
 
 /*
  * Set limits of the motors: the stream modifies the path ahead where a limit would be exceeded.
@@ -314,13 +350,13 @@ elbow_status elbow_stream_start_moving(elbow_real *stream, int64_t stream_size, 
  * than half of this preview beyond it. Limits may be changed at any time. An infinite torque or speed is no limit.
  * Stack: at most 11264 bytes.
  *
- *   stream        stream_work         memory of the stream
- *   torque_max    n_m         [N m]   largest motor torques, positive
- *   speed_max     n_m         [rad/s] largest motor speeds, positive
- *   deviation_max             [mixed] largest deviation of each output, m or rad
+ *   stream                    see elbow_stream
+ *   torque_max    n_m [N m]   largest motor torques, positive
+ *   speed_max     n_m [rad/s] largest motor speeds, positive
+ *   deviation_max     [mixed] largest deviation of each output, m or rad
  */
 ELBOW_API
-elbow_status elbow_stream_limits(elbow_real *stream, const elbow_real torque_max[ELBOW_NM],
+elbow_status elbow_stream_limits(const elbow_stream *stream, const elbow_real torque_max[ELBOW_NM],
     const elbow_real speed_max[ELBOW_NM], elbow_real deviation_max);
 
 /*
@@ -348,7 +384,7 @@ int64_t elbow_invert_limited_work(int n, const elbow_inversion_options *options,
  * torque itself: with a hold, tau_m is what to send, which may exceed them a little. The call inverts the path some
  * hundred times. Stack: at most 11264 bytes.
  *
- *   path                        samples of the output
+ *   samples                     samples of the output
  *   q_start   n_a       [mixed] initial guess of the equilibrium at the first sample
  *   options                     see elbow_inversion_options
  *   limits                      see elbow_inversion_limits
@@ -358,9 +394,9 @@ int64_t elbow_invert_limited_work(int n, const elbow_inversion_options *options,
  *   work_size           [1]     its length, at least invert_limited_work
  */
 ELBOW_API
-elbow_status elbow_invert_limited(const elbow_path *path, const elbow_real q_start[ELBOW_NA],
+elbow_status elbow_invert_limited(const elbow_samples *samples, const elbow_real q_start[ELBOW_NA],
     const elbow_inversion_options *options, const elbow_inversion_limits *limits, elbow_motion *motion,
-    elbow_inversion_info *info, elbow_real *work, int64_t work_size);
+    elbow_invert_limited_info *info, elbow_real *work, int64_t work_size);
 
 /*
  * Duration of a planned path, and the joints at its start.

@@ -34,12 +34,12 @@ static elbow_status home_output(elbow_real y[ELBOW_NT])
 static int invert_path(void)
 {
     elbow_real y[SAMPLES * ELBOW_NT], zero[SAMPLES * ELBOW_NY] = {0}, tau_m[SAMPLES * ELBOW_NM];
-    const elbow_path path = {SAMPLES, 0.001, y, zero, zero};
-    const elbow_inversion_options options = {0, 0, 5, 1e-06, ELBOW_HOLD_SPLINE, 0.0, 0.0};
-    elbow_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, tau_m};
-    elbow_inversion_info info;
+    const elbow_samples path = {.n = SAMPLES, .period = 0.001, .y = y, .dy = zero, .ddy = zero};
+    elbow_motion motion = {.tau_m = tau_m}; /* no other results are wanted */
+    elbow_inversion_options options = elbow_inversion_defaults();
+    elbow_invert_info info;
     elbow_status status = home_output(y);
-    const int64_t size = elbow_invert_work(SAMPLES, &options);
+    const int64_t size = elbow_invert_work(path.n, &options);
     elbow_real *work = (elbow_real *)malloc((size_t)size * sizeof(elbow_real));
     if (work == NULL || status != ELBOW_OK) {
         free(work);
@@ -61,25 +61,29 @@ static int invert_path(void)
 static int run_stream(void)
 {
     elbow_real y[ELBOW_NT], zero[ELBOW_NY] = {0}, tau_m[ELBOW_NM];
-    const elbow_stream_options options = {10, 1, 0.005, 1e-06, ELBOW_HOLD_SPLINE, 0.0};
-    elbow_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, tau_m};
+    elbow_motion motion = {.tau_m = tau_m};
+    elbow_stream_options options = elbow_stream_defaults();
+    elbow_stream stream;
     elbow_stream_info info;
     elbow_status status = home_output(y);
-    const int64_t size = elbow_stream_work(&options);
-    elbow_real *stream = (elbow_real *)malloc((size_t)size * sizeof(elbow_real));
-    if (stream == NULL || status != ELBOW_OK) {
-        free(stream);
+    options.intervals = 10;
+    options.samples_per_interval = 1;
+    options.period = 0.005;
+    stream.size = elbow_stream_work(&options);
+    stream.memory = (elbow_real *)malloc((size_t)stream.size * sizeof(elbow_real));
+    if (stream.memory == NULL || status != ELBOW_OK) {
+        free(stream.memory);
         return 1;
     }
-    status = elbow_stream_start(stream, size, &options, y, elbow_home_q_a);
+    status = elbow_stream_start(&stream, &options, y, elbow_home_q_a);
     for (int k = 0; k < UPDATES && status >= 0; ++k) {
-        status = elbow_stream_update(stream, y, zero, zero, &motion, &info);
+        status = elbow_stream_update(&stream, y, zero, zero, &motion, &info);
     }
     printf("stream: %s\n", elbow_status_text(status));
     if (status >= 0) {
         show("tau_m", "N m", tau_m, ELBOW_NM, 1);
     }
-    free(stream);
+    free(stream.memory);
     return status < 0;
 }
 

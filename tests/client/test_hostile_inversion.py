@@ -32,6 +32,7 @@ from hostile import (
 )
 from toolchain import needs_compiler
 
+from flexgen.codegen.interface import START_SAMPLES
 from flexgen.errors import ArgumentError, FlexgenError, SolverError
 from flexgen.inversion.sampling import time_derivative
 from flexgen.inversion.solve import solve
@@ -39,7 +40,6 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.statics import reach
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
-from flexgen.runtime.stream import START_SAMPLES
 
 pytestmark = needs_compiler
 

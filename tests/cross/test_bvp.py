@@ -238,8 +238,8 @@ def call(folder: FilePath) -> tuple[int, np.ndarray]:
     work = np.zeros(library.planar5_nmp_bvp_work(ctypes.c_int(n), ctypes.byref(options)))
     arrays = {key: np.ascontiguousarray(asked[key]) for key in ("y", "dy", "ddy")}
     q, tau = np.ascontiguousarray(asked["q_start"]), np.zeros((total, 2))
-    path = filled(structs["path"], n=n, period=asked["period"], **arrays)
-    motion, info = filled(structs["motion"], tau_m=tau), structs["inversion_info"]()
+    path = filled(structs["samples"], n=n, period=asked["period"], **arrays)
+    motion, info = filled(structs["motion"], tau_m=tau), structs["bvp_info"]()
     status = library.planar5_nmp_bvp(
         *(ctypes.byref(path), ctypes.c_void_p(q.ctypes.data), ctypes.byref(options)),
         *(ctypes.byref(motion), ctypes.byref(info)),

@@ -10,9 +10,9 @@ import pytest
 from stream_machine import AFTER, AHEAD, PARTS, UPDATE, Machine, error
 from toolchain import needs_compiler
 
-from flexgen.codegen import interface
+from flexgen.codegen.interface import START_SAMPLES
 from flexgen.errors import ArgumentError
-from flexgen.runtime.stream import START_SAMPLES, Interval, Stream
+from flexgen.runtime.stream import Interval, Stream
 
 pytestmark = needs_compiler
 
@@ -112,11 +112,6 @@ def test_a_stream_from_motion_starts_at_rest_and_can_be_copied():
     found = [stream.update(*(x[k] for x in samples)) for k in (1, 2, 3)]
     for interval, other in zip(found, expected, strict=False):
         assert np.abs(interval.tau_m - other.tau_m).max() < 1e-9
-
-
-def test_the_number_of_samples_is_that_of_the_c():
-    """Stated twice, because the runtime does not import the code generation."""
-    assert START_SAMPLES == interface.START_SAMPLES
 
 
 def test_invalid_starts_from_motion_are_refused():

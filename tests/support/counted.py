@@ -56,18 +56,19 @@ int64_t operations = 0;
 int main(int argc, char **argv)
 {
     const int N = std::atoi(argv[1]), S = std::atoi(argv[2]), updates = 3 * N + 40;
-    const @_stream_options options = {N, S, counted(5e-3), counted(1e-6), 2, counted(3.5)};
+    const @_stream_options options = {N, S, counted(5e-3), counted(1e-6), (@_hold)2, counted(3.5)};
     std::vector<counted> memory((size_t)@_STREAM_SIZE(N, S)), y(@_NT), dy(@_NY), ddy(@_NY), W(@_NY * @_NA), b(@_NY);
     std::vector<counted> zero(@_NA + @_NT, counted(0.0)), tau(@_NM * S), torque(@_NM, counted(1e9)), speed(@_NM);
     std::vector<counted> first(@_NT);
     @_motion motion = {nullptr, nullptr, nullptr, nullptr, nullptr, nullptr, tau.data()};
+    const @_stream stream = {memory.data(), (int64_t)memory.size()};
     @_stream_info info;
     int64_t most = 0;
     int status = @_output_constraint(@_home_q_a, zero.data(), zero.data(), first.data(), W.data(), b.data());
     if (argc != 3 || status != 0) return 2;
-    if (@_stream_start(memory.data(), (int64_t)memory.size(), &options, first.data(), @_home_q_a) < 0) return 3;
+    if (@_stream_start(&stream, &options, first.data(), @_home_q_a) < 0) return 3;
     for (int i = 0; i < @_NM; ++i) speed[i] = counted(0.5);
-    if (N >= 12 && @_stream_limits(memory.data(), torque.data(), speed.data(), counted(0.1)) < 0) return 4;
+    if (N >= 12 && @_stream_limits(&stream, torque.data(), speed.data(), counted(0.1)) < 0) return 4;
     for (int k = 1; k <= updates; ++k) {
         const double T = updates * 5e-3, s = (double)k / updates, d = 0.2;
         for (int i = 0; i < @_NT; ++i) y[i] = first[i];
@@ -76,7 +77,7 @@ int main(int argc, char **argv)
         dy[0] = counted(d * 30 * s * s * (1 - s) * (1 - s) / T);
         ddy[0] = counted(d * 60 * s * (1 - s) * (1 - 2 * s) / (T * T));
         operations = 0;
-        status = @_stream_update(memory.data(), y.data(), dy.data(), ddy.data(), &motion, &info);
+        status = @_stream_update(&stream, y.data(), dy.data(), ddy.data(), &motion, &info);
         if (operations > most) most = operations;
         if (status < 0) break;
     }

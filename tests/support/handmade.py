@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from toolchain import CC
 
-from flexgen.codegen.interface import STATUSES
+from flexgen.codegen.interface import ABI_VERSION, STATUSES
+from flexgen.runtime.identity import FORMAT
 
 PORTS = {"q_a": [2], "K": [2, 2], "parameters": [2], "s": [2], "S": [2, 3]}
 FUNCTIONS = {"twist": ("q_a K parameters", "s S"), "square": ("q_a", "s")}
@@ -142,7 +143,11 @@ def _scratch() -> Path:
 
 @cache
 def compiled(
-    real: str = "double", abi: int = 4, sizeof_int: str = "(int)sizeof(int)", digest: str = DIGEST, name: str = "hand"
+    real: str = "double",
+    abi: int = ABI_VERSION,
+    sizeof_int: str = "(int)sizeof(int)",
+    digest: str = DIGEST,
+    name: str = "hand",
 ) -> bytes:
     """Content of the shared library that says this of itself."""
     key = hashlib.sha256(repr((real, abi, sizeof_int, digest, name)).encode()).hexdigest()[:16]
@@ -167,9 +172,9 @@ def install(folder: Path, content: bytes, *, name: str = "hand", **changes: Any)
         return [{"name": port, "shape": PORTS[port], "unit": "1", "doc": "a port"} for port in ports.split()]
 
     manifest = {
-        "format": 2,
+        "format": FORMAT,
         "name": name,
-        "abi_version": 4,
+        "abi_version": ABI_VERSION,
         "precision": "double",
         "model_digest": DIGEST,
         "sizes": {"n_a": 2, "n_p": 2},

@@ -153,9 +153,9 @@ def invert(target: Target, call: Call) -> MethodResult:
     arrays = {**given, **{key: x for key, (x, _) in numbers.items()}}
     at = {key: None if key == call.null else x.ctypes.data for key, x in arrays.items()}
     numbers["options"] = options
-    numbers["path"] = guarded_struct(structs["path"], n=n, period=call.period, y=at["y"], dy=at["dy"], ddy=at["ddy"])
+    numbers["path"] = guarded_struct(structs["samples"], n=n, period=call.period, y=at["y"], dy=at["dy"], ddy=at["ddy"])
     numbers["motion"] = guarded_struct(structs["motion"], **{key: at[key] for key in OUTPUTS})
-    numbers["info"] = guarded_struct(structs["inversion_info"])
+    numbers["info"] = guarded_struct(structs["invert_info"])
     where = {key: ctypes.c_void_p(None if key == call.null else numbers[key][0].ctypes.data) for key in STRUCTURES}
     status = target.function("invert")(
         where["path"],
@@ -168,7 +168,7 @@ def invert(target: Target, call: Call) -> MethodResult:
     )
     spilled = not all(untouched(block) for _, block in numbers.values())
     results = {key: arrays[key].reshape(total, -1) for key in OUTPUTS} if status >= 0 else {}
-    info = structs["inversion_info"].from_buffer(numbers["info"][0])
+    info = structs["invert_info"].from_buffer(numbers["info"][0])
     return MethodResult(
         status, np.array([info.residual, info.residual_at_samples, info.kinematic_mismatch]), spilled, results
     )
@@ -205,11 +205,16 @@ class Streamed:
         self.motion = guarded_struct(target.structs["motion"], **members)
         self.info = guarded_struct(target.structs["stream_info"])
 
+    @property
+    def handle(self) -> Any:
+        """The struct that says where the memory is."""
+        at = None if self.memory is None else self.memory.ctypes.data
+        return filled(self.target.structs["stream"], memory=at, size=self.size)
+
     def start(self, y: Any, q_start: Any, period: float, tolerance: float = 1e-6) -> int:
         options = filled(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
         return self.target.function("stream_start")(
-            pointer(self.memory),
-            ctypes.c_int64(self.size),
+            ctypes.byref(self.handle),
             ctypes.byref(options),
             *(pointer(None if x is None else np.ascontiguousarray(x, dtype=float)) for x in (y, q_start)),
         )
@@ -218,10 +223,9 @@ class Streamed:
         """``path``: members of its struct; arrays or None."""
         options = filled(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
         kept = {key: np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for key, x in path.items()}
-        given = filled(self.target.structs["path"], **kept)
+        given = filled(self.target.structs["samples"], **kept)
         return self.target.function("stream_start_moving")(
-            pointer(self.memory),
-            ctypes.c_int64(self.size),
+            ctypes.byref(self.handle),
             ctypes.byref(options),
             ctypes.byref(given),
             pointer(None if q_start is None else np.ascontiguousarray(q_start, dtype=float)),
@@ -229,13 +233,13 @@ class Streamed:
 
     def update(self, y: Any, dy: Any, ddy: Any) -> int:
         given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (y, dy, ddy)]
-        where = (self.memory, *given, self.motion[0], self.info[0])
-        return self.target.function("stream_update")(*map(pointer, where))
+        where = (*given, self.motion[0], self.info[0])
+        return self.target.function("stream_update")(ctypes.byref(self.handle), *map(pointer, where))
 
     def limits(self, torque: Any, speed: Any, deviation: float = 0.1) -> int:
         given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (torque, speed)]
         largest = ctypes.c_double(deviation)
-        return self.target.function("stream_limits")(pointer(self.memory), *map(pointer, given), largest)
+        return self.target.function("stream_limits")(ctypes.byref(self.handle), *map(pointer, given), largest)
 
     @property
     def report(self) -> Any:

@@ -59,14 +59,31 @@ static double *numbers(long long n)
 }
 
 typedef @_status solver(
-    const @_path *, const double *, const @_inversion_options *, @_motion *, @_inversion_info *, double *, int64_t);
+    const @_samples *, const double *, const @_inversion_options *, @_motion *, int, double *, int64_t);
+
+/* Solvers with the same arguments; reported: whether they are given an info. */
+static @_status invert(const @_samples *samples, const double *q_start, const @_inversion_options *options,
+    @_motion *motion, int reported, double *work, int64_t size)
+{
+    @_invert_info info;
+    return @_invert(samples, q_start, options, motion, reported ? &info : NULL, work, size);
+}
+
+#if @_NE > 0
+static @_status bvp(const @_samples *samples, const double *q_start, const @_inversion_options *options,
+    @_motion *motion, int reported, double *work, int64_t size)
+{
+    @_bvp_info info;
+    return @_bvp(samples, q_start, options, motion, reported ? &info : NULL, work, size);
+}
+#endif
 
 static int whole_path(solver *function, int64_t (*wanted)(int, const @_inversion_options *))
 {
     const int rows = (int)next(), n = (int)next();
     const int n_pre = (int)next(), n_post = (int)next(), samples_per_interval = (int)next();
     const double period = next(), tolerance = next();
-    const int hold = (int)next();
+    const @_hold hold = (@_hold)(int)next();
     const double delay = next();
     const int null = (int)next();
     const long long lacking = (long long)next();
@@ -89,11 +106,10 @@ static int whole_path(solver *function, int64_t (*wanted)(int, const @_inversion
         given[i] = i == null ? NULL : x[i];
     }
     {
-        const @_path path = {n, period, given[0], given[1], given[2]};
+        const @_samples path = {n, period, given[0], given[1], given[2]};
         @_motion motion = {given[4], given[5], given[6], given[7], given[8], given[9], given[10]};
-        @_inversion_info info;
         status = (int)function(null == 12 ? NULL : &path, given[3], null == 13 ? NULL : &options,
-            null == 14 ? NULL : &motion, null == 15 ? NULL : &info, given[11], size);
+            null == 14 ? NULL : &motion, null != 15, given[11], size);
     }
     for (int i = 0; i < 12; ++i) {
         clear(x[i]);
@@ -102,12 +118,13 @@ static int whole_path(solver *function, int64_t (*wanted)(int, const @_inversion
 }
 
 static double *memory, *results[6];
+static @_stream stream; /* in this memory */
 
 static int step(const double *y, const double *dy, const double *ddy)
 {
     @_motion motion = {results[0], results[1], NULL, results[2], results[3], results[4], results[5]};
     @_stream_info info;
-    return (int)@_stream_update(memory, y, dy, ddy, &motion, &info);
+    return (int)@_stream_update(&stream, y, dy, ddy, &motion, &info);
 }
 
 static int begin(void)
@@ -115,7 +132,7 @@ static int begin(void)
     const int intervals = (int)next(), samples_per_interval = (int)next();
     const long long lacking = (long long)next();
     const double period = next(), tolerance = next();
-    const int hold = (int)next();
+    const @_hold hold = (@_hold)(int)next();
     const double delay = next();
     const @_stream_options options = {intervals, samples_per_interval, period, tolerance, hold, delay};
     const int64_t most = @_stream_work(&options);
@@ -133,13 +150,15 @@ static int begin(void)
         clear(memory);
     }
     memory = room(size);
+    stream.memory = memory;
+    stream.size = size;
     for (long long i = 0; i < size && i < 8; ++i) {
         memory[i] = 1.0; /* an update before the start */
     }
     if (step(y, y, y) != @_NOT_STARTED) {
         exit(8);
     }
-    status = (int)@_stream_start(memory, size, &options, y, q);
+    status = (int)@_stream_start(&stream, &options, y, q);
     clear(y);
     clear(q);
     return status;
@@ -158,7 +177,7 @@ static int update(void)
 static int bound(void)
 {
     double *torque = numbers(NM), *speed = numbers(NM);
-    const int status = (int)@_stream_limits(memory, torque, speed, next());
+    const int status = (int)@_stream_limits(&stream, torque, speed, next());
     clear(torque);
     clear(speed);
     return status;
@@ -168,9 +187,9 @@ int main(void)
 {
     for (;;) {
         switch ((int)next()) {
-        case 1: printf("%d\n", whole_path(@_invert, @_invert_work)); break;
+        case 1: printf("%d\n", whole_path(invert, @_invert_work)); break;
 #if @_NE > 0
-        case 2: printf("%d\n", whole_path(@_bvp, @_bvp_work)); break;
+        case 2: printf("%d\n", whole_path(bvp, @_bvp_work)); break;
 #endif
         case 3: printf("%d\n", begin()); break;
         case 4: printf("%d\n", update()); break;

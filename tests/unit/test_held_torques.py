@@ -221,7 +221,8 @@ def test_c_refuses_invalid_holds_and_delays(library, hold, delay):
     size = entries.work(ctypes.byref(accepted))
     assert entries.work(ctypes.byref(refused)) == -1 < size
     path, memory = samples(), np.full(size, -7.25)
-    start = [pointer(memory), ctypes.c_int64(size), ctypes.byref(refused)]
+    stream = filled(entries.structs["stream"], memory=memory, size=size)
+    start = [ctypes.byref(stream), ctypes.byref(refused)]
     assert entries.start(*start, pointer(path["y"][0].copy()), pointer(path["q_start"])) == BAD_ARGUMENT
     assert (memory == -7.25).all()
 
@@ -234,11 +235,11 @@ def test_c_refuses_invalid_holds_and_delays(library, hold, delay):
         inverter = getattr(library, name)
         room = np.zeros(inverter._work(ctypes.c_int(len(tau)), ctypes.byref(inversion_options)))
         status = inverter._entry(
-            ctypes.byref(filled(entries.structs["path"], n=len(tau), period=PERIOD, **given_path)),
+            ctypes.byref(filled(entries.structs["samples"], n=len(tau), period=PERIOD, **given_path)),
             pointer(arrays["q_start"]),
             ctypes.byref(inversion_options),
             ctypes.byref(filled(entries.structs["motion"], tau_m=tau)),
-            ctypes.byref(entries.structs["inversion_info"]()),
+            ctypes.byref(entries.structs[f"{name}_info"]()),
             pointer(room),
             ctypes.c_int64(len(room)),
         )

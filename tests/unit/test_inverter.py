@@ -117,10 +117,12 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     arrays = {key: np.ascontiguousarray(s[key]) for key in ("y", "dy", "ddy")}
     q, work = np.ascontiguousarray(s["q_start"]), np.zeros(10)
     options = filled(structs["inversion_options"], n_pre=100, n_post=100, samples_per_interval=5, tolerance=1e-9)
-    motion, info = structs["motion"](), structs["inversion_info"]()
+    motion, info = structs["motion"](), structs["invert_info"]()
 
     def status(null: int | None = None, member: str = "") -> int:
-        path = filled(structs["path"], n=n, period=PERIOD, **{k: None if k == member else x for k, x in arrays.items()})
+        path = filled(
+            structs["samples"], n=n, period=PERIOD, **{k: None if k == member else x for k, x in arrays.items()}
+        )
         where = [ctypes.byref(path), pointer(q), ctypes.byref(options), ctypes.byref(motion), ctypes.byref(info)]
         where.append(pointer(work))
         if null is not None:

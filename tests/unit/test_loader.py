@@ -55,11 +55,11 @@ def python(program: str, *args: object) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     ("built", "told_to", "message"),
     [
-        ({"abi": 1}, {}, r"hand_abi_version: given 1, expected 4 \(another version of the interface"),
+        ({"abi": 1}, {}, r"hand_abi_version: given 1, expected 5 \(another version of the interface"),
         (
             {},
             {"abi_version": 1},
-            "given ABI version 1, expected 4: the library was written by another version of flexgen",
+            "given ABI version 1, expected 5: the library was written by another version of flexgen",
         ),
         ({"sizeof_int": "8"}, {}, r"hand_sizeof_int: given 8, expected 4 \(bytes of an int"),
         ({"real": "float"}, {}, r"hand_sizeof_real: given 4, expected 8 \(bytes of a number: another precision"),

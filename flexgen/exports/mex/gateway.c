@@ -151,7 +151,8 @@ static model_motion motion_of(mxArray **made, int n)
         made[i] = mxCreateDoubleMatrix((mwSize)MOTION[i], (mwSize)n, mxREAL);
         x[i] = mxGetPr(made[i]);
     }
-    const model_motion motion = {x[0], x[1], x[2], x[3], x[4], x[5], x[6]};
+    const model_motion motion = {
+        .q_a = x[0], .v_a = x[1], .a_a = x[2], .tau_g = x[3], .q_m = x[4], .v_m = x[5], .tau_m = x[6]};
     return motion;
 }
 
@@ -162,7 +163,7 @@ static void invert(int n_out, mxArray **out, int n_in, const mxArray **in)
     int n, n_k;
     count_arguments("invert", n_in, 6);
     count_arguments("invert, results", n_out, 8);
-    model_path path;
+    model_samples path;
     path.y = numbers("invert", "y", in[0], MODEL_NT, -1, &n);
     path.dy = numbers("invert", "dy", in[1], MODEL_NY, n, &n_k);
     path.ddy = numbers("invert", "ddy", in[2], MODEL_NY, n, &n_k);
@@ -170,8 +171,13 @@ static void invert(int n_out, mxArray **out, int n_in, const mxArray **in)
     path.period = *numbers("invert", "period", in[3], 1, 1, NULL);
     const double *const q_start = numbers("invert", "q_start", in[4], MODEL_NA, 1, NULL);
     const double *const o = numbers("invert", "options", in[5], 6, 1, NULL);
-    const model_inversion_options options = {whole("invert", "n_pre", o[0]), whole("invert", "n_post", o[1]),
-        whole("invert", "samples_per_interval", o[2]), o[3], whole("invert", "hold", o[4]), o[5], 0.0};
+    model_inversion_options options = model_inversion_defaults();
+    options.n_pre = whole("invert", "n_pre", o[0]);
+    options.n_post = whole("invert", "n_post", o[1]);
+    options.samples_per_interval = whole("invert", "samples_per_interval", o[2]);
+    options.tolerance = o[3];
+    options.hold = (model_hold)whole("invert", "hold", o[4]);
+    options.delay = o[5];
     const int64_t size = model_invert_work(n, &options);
     if (size < 0) {
         refuse("invert", "a size or an option out of range",
@@ -179,7 +185,7 @@ static void invert(int n_out, mxArray **out, int n_in, const mxArray **in)
     }
     model_motion motion = motion_of(out, options.n_pre + n + options.n_post);
     double *const work = (double *)mxMalloc((size_t)size * sizeof(double));
-    model_inversion_info found;
+    model_invert_info found;
     const model_status status = model_invert(&path, q_start, &options, &motion, &found, work, size);
     mxFree(work);
     check_status("invert", status);
@@ -199,13 +205,26 @@ static void invert(int n_out, mxArray **out, int n_in, const mxArray **in)
 static model_stream_options options_of(const mxArray *x)
 {
     const double *const o = numbers("stream", "options", x, 6, 1, NULL);
-    const model_stream_options options = {whole("stream", "intervals", o[0]),
-        whole("stream", "samples_per_interval", o[1]), o[2], o[3], whole("stream", "hold", o[4]), o[5]};
+    const model_stream_options options = {
+        .intervals = whole("stream", "intervals", o[0]),
+        .samples_per_interval = whole("stream", "samples_per_interval", o[1]),
+        .period = o[2],
+        .tolerance = o[3],
+        .hold = (model_hold)whole("stream", "hold", o[4]),
+        .delay = o[5],
+    };
     if (model_stream_work(&options) < 0) {
         refuse("stream", "an option out of range",
             "1 to 10000 intervals, 1 to 1000 samples_per_interval, a delay of 0 to 4");
     }
     return options;
+}
+
+/* The stream in the memory of an array. */
+static model_stream stream_in(const mxArray *memory)
+{
+    const model_stream stream = {.memory = mxGetPr(memory), .size = (int64_t)mxGetNumberOfElements(memory)};
+    return stream;
 }
 
 /* A copy of the memory of a stream. */
@@ -226,7 +245,8 @@ static void stream_start(int n_in, const mxArray **in, mxArray **out)
     const double *const y = numbers("Stream", "y", in[1], MODEL_NT, 1, NULL);
     const double *const q_start = numbers("Stream", "q_start", in[2], MODEL_NA, 1, NULL);
     out[0] = mxCreateDoubleMatrix((mwSize)size, 1, mxREAL);
-    check_status("Stream", model_stream_start(mxGetPr(out[0]), size, &options, y, q_start));
+    const model_stream stream = stream_in(out[0]);
+    check_status("Stream", model_stream_start(&stream, &options, y, q_start));
 }
 
 /* ('stream_update', options, memory, y, dy, ddy) -> memory q_a v_a a_a tau_g q_m v_m tau_m info; a_a is zero */
@@ -242,7 +262,8 @@ static void stream_update(int n_out, mxArray **out, int n_in, const mxArray **in
     model_motion motion = motion_of(out + 1, options.samples_per_interval);
     motion.a_a = NULL;
     model_stream_info found;
-    const model_status status = model_stream_update(mxGetPr(out[0]), y, dy, ddy, &motion, &found);
+    const model_stream stream = stream_in(out[0]);
+    const model_status status = model_stream_update(&stream, y, dy, ddy, &motion, &found);
     check_status("update", status);
     static const char *fields[] = {"status", "converged", "residual", "kinematic_mismatch", "torque_step",
         "output_step_m", "output_step_rad", "deviation_m", "deviation_rad", "limits_active"};
@@ -268,7 +289,8 @@ static void stream_limits(int n_in, const mxArray **in, mxArray **out)
     const double *const torque = numbers("limits", "torque_max", in[2], MODEL_NM, 1, NULL);
     const double *const speed = numbers("limits", "speed_max", in[3], MODEL_NM, 1, NULL);
     const double deviation = *numbers("limits", "deviation_max", in[4], 1, 1, NULL);
-    check_status("limits", model_stream_limits(mxGetPr(out[0]), torque, speed, deviation));
+    const model_stream stream = stream_in(out[0]);
+    check_status("limits", model_stream_limits(&stream, torque, speed, deviation));
 }
 
 #endif

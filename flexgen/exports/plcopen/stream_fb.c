@@ -7,7 +7,13 @@
 
 #include "model.h"
 
-static const model_stream_options OPTIONS = {FB_INTERVALS, FB_SAMPLES, FB_PERIOD, FB_TOLERANCE, MODEL_HOLD_ZOH, 0.0};
+static const model_stream_options OPTIONS = {
+    .intervals = FB_INTERVALS,
+    .samples_per_interval = FB_SAMPLES,
+    .period = FB_PERIOD,
+    .tolerance = FB_TOLERANCE,
+    .hold = MODEL_HOLD_ZOH,
+};
 
 enum { STOPPED = 0, ACTIVE = 1, FAILED = -1 };
 
@@ -25,6 +31,7 @@ static void finish(fb_MODELNAME_stream *fb, int status)
 
 void fb_MODELNAME_stream_call(fb_MODELNAME_stream *fb)
 {
+    const model_stream stream = {.memory = fb->memory, .size = (int64_t)(sizeof fb->memory / sizeof fb->memory[0])};
     if (!fb->enable) {
         fb->started = STOPPED;
         fb->valid = 0;
@@ -36,8 +43,7 @@ void fb_MODELNAME_stream_call(fb_MODELNAME_stream *fb)
         return; /* until enable is FALSE once */
     }
     if (fb->started == STOPPED) {
-        const int64_t size = (int64_t)(sizeof fb->memory / sizeof fb->memory[0]);
-        const int status = model_stream_start(fb->memory, size, &OPTIONS, fb->start_output, fb->q_start);
+        const int status = model_stream_start(&stream, &OPTIONS, fb->start_output, fb->q_start);
         if (status < 0) {
             fb->started = FAILED;
             finish(fb, status);
@@ -51,7 +57,7 @@ void fb_MODELNAME_stream_call(fb_MODELNAME_stream *fb)
     motion.tau_m = tau_m;
     motion.q_m = q_m;
     motion.v_m = v_m;
-    const int status = model_stream_update(fb->memory, fb->y, fb->dy, fb->ddy, &motion, &info);
+    const int status = model_stream_update(&stream, fb->y, fb->dy, fb->ddy, &motion, &info);
     if (status >= 0) {
         memcpy(fb->tau_m, tau_m, sizeof tau_m);
         memcpy(fb->q_m, q_m, sizeof q_m);

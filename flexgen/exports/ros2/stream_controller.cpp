@@ -136,6 +136,8 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
         return controller_interface::CallbackReturn::FAILURE;
     }
     memory_.assign(static_cast<std::size_t>(size), 0.0);
+    stream_.memory = memory_.data();
+    stream_.size = size;
     q_m_.assign(static_cast<std::size_t>(options_.samples_per_interval) * MODEL_NM, 0.0);
     tau_m_.assign(q_m_.size(), 0.0);
     queue_.resize(static_cast<std::size_t>(queue));
@@ -234,8 +236,7 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
     }
     std::fill(held_.begin(), held_.end(), 0.0);
     std::copy(start_output_.begin(), start_output_.end(), held_.begin());
-    int status = model_stream_start(
-        memory_.data(), static_cast<int64_t>(memory_.size()), &options_, held_.data(), q_start_.data());
+    int status = model_stream_start(&stream_, &options_, held_.data(), q_start_.data());
     std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), NOT_A_NUMBER);
     queue_.clear();
     if (status == MODEL_OK) {
@@ -243,7 +244,7 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
     }
     warnings_ = missing_ = 0;
     if (status < 0) {
-        RCLCPP_ERROR(logger, "start of the stream: %s", model_status_text(status));
+        RCLCPP_ERROR(logger, "start of the stream: %s", model_status_text(static_cast<model_status>(status)));
         return controller_interface::CallbackReturn::FAILURE;
     }
     Motors q_m{};
@@ -291,8 +292,8 @@ int StreamController::begin_interval()
     double *const sample = reference_interfaces_.data();
     int status = MODEL_BAD_ARGUMENT;
     if (finite(reference_interfaces_) && reference_interfaces_.size() == SAMPLE) {
-        status = model_stream_update(
-            memory_.data(), sample, sample + MODEL_NT, sample + MODEL_NT + MODEL_NY, &motion, &info_);
+        status =
+            model_stream_update(&stream_, sample, sample + MODEL_NT, sample + MODEL_NT + MODEL_NY, &motion, &info_);
         if (!refused(status)) {
             std::copy(sample, sample + MODEL_NT, held_.begin());
         }
@@ -300,7 +301,7 @@ int StreamController::begin_interval()
     if (refused(status)) {
         ++missing_;
         status = model_stream_update(
-            memory_.data(), held_.data(), held_.data() + MODEL_NT, held_.data() + MODEL_NT + MODEL_NY, &motion, &info_);
+            &stream_, held_.data(), held_.data() + MODEL_NT, held_.data() + MODEL_NT + MODEL_NY, &motion, &info_);
     }
     std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), NOT_A_NUMBER);
     warnings_ += status > 0;

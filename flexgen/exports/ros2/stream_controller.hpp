@@ -74,6 +74,7 @@ class StreamController : public controller_interface::ChainableControllerInterfa
     Cascade<MODEL_NM> cascade_;
 
     std::vector<double> memory_, q_m_, tau_m_; // of the stream; of an interval
+    model_stream stream_{};                    // in this memory
     std::array<double, SAMPLE> held_{};        // the last sample, at rest
     model_stream_info info_{};
     int part_ = 0; // of the interval

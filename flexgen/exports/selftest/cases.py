@@ -115,10 +115,9 @@ def _empty(what: str) -> str:
 
 
 def _options(name: str, options: StreamOptions, end: str) -> str:
-    numbers = (
-        f"{options.intervals}, {options.samples_per_interval}, {options.period!r}{end}, {options.tolerance!r}{end}"
-    )
-    return f"const {name}_stream_options options = {{{numbers}, {name.upper()}_HOLD_SPLINE, 0.0{end}}};"
+    counts = f".intervals = {options.intervals}, .samples_per_interval = {options.samples_per_interval}"
+    numbers = f".period = {options.period!r}{end}, .tolerance = {options.tolerance!r}{end}"
+    return f"const {name}_stream_options options = {{{counts}, {numbers}}};"
 
 
 def _stream(name: str, options: StreamOptions, end: str) -> str:
@@ -128,9 +127,9 @@ def _stream(name: str, options: StreamOptions, end: str) -> str:
     static {name}_real memory[{NAME}_STREAM_SIZE({options.intervals}, {options.samples_per_interval})];
     static {name}_real q_m[{options.samples_per_interval} * {NAME}_NM];
     static {name}_real tau_m[{options.samples_per_interval} * {NAME}_NM];
-    const int64_t size = (int64_t)(sizeof memory / sizeof memory[0]);
+    const {name}_stream stream = {{.memory = memory, .size = (int64_t)(sizeof memory / sizeof memory[0])}};
     {_options(name, options, end)}
-    {name}_motion motion = {{0, 0, 0, 0, q_m, 0, tau_m}};
+    {name}_motion motion = {{.q_m = q_m, .tau_m = tau_m}};
     {name}_stream_info info;
 """
 
@@ -147,9 +146,9 @@ def _at_rest(name: str, options: StreamOptions, rest: Rest, tolerance: float, en
 static void selftest_at_rest(selftest_result *result)
 {{
 {_stream(name, options, end)}    const {name}_real zero[{NAME}_NY] = {{0}};
-    check_status(result, "stream_start, at rest", {name}_stream_start(memory, size, &options, rest_y[0], rest_q_a[0]));
+    check_status(result, "stream_start, at rest", {name}_stream_start(&stream, &options, rest_y[0], rest_q_a[0]));
     for (int k = 0; k < {options.intervals + 2}; ++k) {{
-        const int status = {name}_stream_update(memory, rest_y[0], zero, zero, &motion, &info);
+        const {name}_status status = {name}_stream_update(&stream, rest_y[0], zero, zero, &motion, &info);
         check_status(result, "stream_update, at rest", status);
         compare(result, "stream_update.q_m, at rest", q_m, rest_q_m[0], {NAME}_NM, {tolerance!r}, 1e-3);
         compare(result, "stream_update.tau_m, at rest", tau_m, rest_tau_m[0], {NAME}_NM, {tolerance!r}, 1e-3);
@@ -170,9 +169,10 @@ def _in_motion(name: str, motion: Motion, tolerance: float, end: str) -> str:
 static void selftest_in_motion(selftest_result *result)
 {{
 {_stream(name, options, end)}    static {name}_real found[{len(motion.tau_m)} * {NAME}_NM];
-    check_status(result, "stream_start", {name}_stream_start(memory, size, &options, move_y[0], move_q_start[0]));
+    check_status(result, "stream_start", {name}_stream_start(&stream, &options, move_y[0], move_q_start[0]));
     for (int k = 0; k < {len(motion.tau_m)}; ++k) {{
-        const int status = {name}_stream_update(memory, move_y[k + 1], move_dy[k + 1], move_ddy[k + 1], &motion, &info);
+        const {name}_status status =
+            {name}_stream_update(&stream, move_y[k + 1], move_dy[k + 1], move_ddy[k + 1], &motion, &info);
         if (status < 0) {{
             check_status(result, "stream_update", status);
             return;

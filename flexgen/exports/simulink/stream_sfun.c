@@ -32,9 +32,23 @@ static double parameter(SimStruct *S, int which)
 
 static model_stream_options options_of(SimStruct *S)
 {
-    const model_stream_options options = {(int)parameter(S, INTERVALS), (int)parameter(S, SAMPLES),
-        parameter(S, PERIOD), parameter(S, TOLERANCE), (int)parameter(S, HOLD), parameter(S, DELAY)};
+    const model_stream_options options = {
+        .intervals = (int)parameter(S, INTERVALS),
+        .samples_per_interval = (int)parameter(S, SAMPLES),
+        .period = parameter(S, PERIOD),
+        .tolerance = parameter(S, TOLERANCE),
+        .hold = (model_hold)(int)parameter(S, HOLD),
+        .delay = parameter(S, DELAY),
+    };
     return options;
+}
+
+/* The stream in a memory of the block. */
+static model_stream stream_in(SimStruct *S, int memory)
+{
+    const model_stream_options options = options_of(S);
+    const model_stream stream = {.memory = (double *)ssGetDWork(S, memory), .size = model_stream_work(&options)};
+    return stream;
 }
 
 /* The reason why the parameters cannot be used, or null. */
@@ -115,8 +129,9 @@ static void mdlInitializeSampleTimes(SimStruct *S)
 static void mdlStart(SimStruct *S)
 {
     const model_stream_options options = options_of(S);
-    const model_status status = model_stream_start((double *)ssGetDWork(S, KEPT), model_stream_work(&options), &options,
-        mxGetPr(ssGetSFcnParam(S, START_OUTPUT)), mxGetPr(ssGetSFcnParam(S, Q_START)));
+    const model_stream stream = stream_in(S, KEPT);
+    const model_status status = model_stream_start(
+        &stream, &options, mxGetPr(ssGetSFcnParam(S, START_OUTPUT)), mxGetPr(ssGetSFcnParam(S, Q_START)));
     if (status < 0) {
         ssSetErrorStatus(S, model_status_text(status));
     }
@@ -125,15 +140,14 @@ static void mdlStart(SimStruct *S)
 static void mdlOutputs(SimStruct *S, int_T tid)
 {
     (void)tid;
-    const model_stream_options options = options_of(S);
-    double *const memory = (double *)ssGetDWork(S, SCRATCH);
-    memcpy(memory, ssGetDWork(S, KEPT), (size_t)model_stream_work(&options) * sizeof *memory);
+    const model_stream stream = stream_in(S, SCRATCH);
+    memcpy(stream.memory, ssGetDWork(S, KEPT), (size_t)stream.size * sizeof *stream.memory);
     model_motion motion = {NULL};
     motion.tau_m = ssGetOutputPortRealSignal(S, TAU_M);
     motion.q_m = ssGetOutputPortRealSignal(S, Q_M);
     motion.v_m = ssGetOutputPortRealSignal(S, V_M);
     model_stream_info info;
-    const model_status status = model_stream_update(memory, ssGetInputPortRealSignal(S, 0),
+    const model_status status = model_stream_update(&stream, ssGetInputPortRealSignal(S, 0),
         ssGetInputPortRealSignal(S, 1), ssGetInputPortRealSignal(S, 2), &motion, &info);
     ssGetOutputPortRealSignal(S, STATUS)[0] = (double)status;
     if (status < 0) {

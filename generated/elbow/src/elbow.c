@@ -1,11 +1,12 @@
 /* elbow: identity and sizes of the library. Written by flexgen; see elbow.h. */
 #include "../elbow_batch.h"
+#include "../elbow_inversion.h"
 
 #ifdef _OPENMP
 #include <omp.h>
 #endif
 
-const char *elbow_status_text(int status)
+const char *elbow_status_text(elbow_status status)
 {
     switch (status) {
     case ELBOW_OK:
@@ -54,12 +55,37 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "afdcb69b2f940ff3200a08378369591ddcc4fdf616caba4cfd661a66bbb765a1";
+    return "f7cd6b03f9d5692f64c26f231389b224e7602091c0d5f460211f90115d058f30";
+}
+
+elbow_inversion_options elbow_inversion_defaults(void)
+{
+    elbow_inversion_options options;
+    options.n_pre = 0;
+    options.n_post = 0;
+    options.samples_per_interval = 1;
+    options.tolerance = 1e-06;
+    options.hold = ELBOW_HOLD_SPLINE;
+    options.delay = 0.0;
+    options.settled = 0.0;
+    return options;
+}
+
+elbow_stream_options elbow_stream_defaults(void)
+{
+    elbow_stream_options options;
+    options.intervals = ELBOW_STREAM_INTERVALS;
+    options.samples_per_interval = ELBOW_STREAM_SAMPLES_PER_INTERVAL;
+    options.period = ELBOW_STREAM_PERIOD;
+    options.tolerance = 1e-06;
+    options.hold = ELBOW_HOLD_SPLINE;
+    options.delay = 0.0;
+    return options;
 }
 
 int elbow_abi_version(void)
 {
-    return 4;
+    return 5;
 }
 
 int elbow_sizeof_real(void)

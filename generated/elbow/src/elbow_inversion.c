@@ -182,7 +182,7 @@ static inline void lq_path_first_rows(mesh *m, const lq_data *c)
  * is nearly the last one.
  */
 static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const elbow_inversion_options *o, int cut,
-    settling *end, elbow_inversion_info *info, lq_space *w, real *space)
+    settling *end, whole_report *report, lq_space *w, real *space)
 {
     const real tolerance = o->tolerance;
     newton progress = {-1.0, 0, 0};
@@ -192,7 +192,7 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const elbow_in
         const real before = progress.before;
         real size, next;
         int state, status = ELBOW_OK;
-        info->iterations = progress.steps + 1;
+        report->iterations = progress.steps + 1;
         if (must_factor) {
             status = lq_path_factor(m, point, c, w, space);
         }
@@ -343,8 +343,8 @@ static int prepare_end(
 }
 
 /* The motion on the mesh; cut: it ends where it has settled after the first step, else after the last one. */
-static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, const elbow_path *p, const real *q,
-    const elbow_inversion_options *options, int cut, elbow_inversion_info *info, real *work)
+static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, const elbow_samples *p, const real *q,
+    const elbow_inversion_options *options, int cut, whole_report *report, real *work)
 {
     lq_space *w = (lq_space *)(void *)(work + own->lq);
     settling *end = (settling *)(void *)(work + own->settling);
@@ -361,9 +361,9 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
     c.linear = work + own->linear;
     c.steady_point = work + own->steady_point;
     c.steady_factor = work + own->steady_factor;
-    status = lq_path_solve(m, work + own->point, &c, options, cut, end, info, w, work + l->space);
-    info->residual = m->residual;
-    info->intervals = m->N;
+    status = lq_path_solve(m, work + own->point, &c, options, cut, end, report, w, work + l->space);
+    report->residual = m->residual;
+    report->intervals = m->N;
     if (status == ELBOW_OK && !cut && end->allowed > 0.0) {
         cut_mesh(m, options->samples_per_interval, end);
     }
@@ -372,9 +372,9 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
 
 #endif
 
-elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
-    const elbow_inversion_options *options, elbow_motion *motion, elbow_inversion_info *info, real *work,
-    int64_t work_size)
+/* As elbow_invert, with a report instead of its info. */
+static elbow_status invert_path(const elbow_samples *p, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
+    const elbow_inversion_options *options, elbow_motion *motion, whole_report *report, real *work, int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : elbow_invert_work(p->n, options);
     whole_layout l;
@@ -382,7 +382,7 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
 #if ELBOW_NE == 0
     ptrdiff_t samples;
 #endif
-    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, info, work, work_size, wanted);
+    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
@@ -401,17 +401,17 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
         m = mesh_in(&l, p, options, work);
         status = equilibrium_at(p->y, q, m.scale, work + l.space);
         if (status == ELBOW_OK) {
-            status = motion_on_mesh(&m, &l, &own, p, q, options, end->allowed > 0.0, info, work);
+            status = motion_on_mesh(&m, &l, &own, p, q, options, end->allowed > 0.0, report, work);
         }
         if (status == ELBOW_OK && is_cut_early(&m, end)) {
             m = mesh_in(&l, p, options, work);
-            status = motion_on_mesh(&m, &l, &own, p, q, options, 0, info, work);
+            status = motion_on_mesh(&m, &l, &own, p, q, options, 0, report, work);
         }
         if (status != ELBOW_OK) {
             return (elbow_status)status;
         }
         return finish(p, options, &l, q, &m, end->q, end->intervals * (ptrdiff_t)options->samples_per_interval + 1,
-            &((lq_space *)(void *)(work + own.lq))->arm, motion, info, work);
+            &((lq_space *)(void *)(work + own.lq))->arm, motion, report, work);
     }
 #else
     l = lay_out(p->n, options, 0, 0);
@@ -420,7 +420,7 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
-    info->residual = 0.0;
+    report->residual = 0.0;
     samples = (ptrdiff_t)l.samples;
     if (options->settled > 0.0) {
         const real after = shortest_motion_after(work + l.space) / p->period;
@@ -428,8 +428,28 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
             samples -= options->n_post - (ptrdiff_t)after - 1;
         }
     }
-    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end), motion, info, work);
+    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end), motion, report, work);
 #endif
+}
+
+elbow_status elbow_invert(const elbow_samples *samples, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
+    const elbow_inversion_options *options, elbow_motion *motion, elbow_invert_info *info, real *work,
+    int64_t work_size)
+{
+    whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
+    elbow_status status = ELBOW_NULL_ARGUMENT;
+    if (info != NULL) {
+        status = invert_path(samples, PASSED_PARAMETERS q_start, options, motion, &report, work, work_size);
+    }
+    if (report.is_set) {
+        info->residual = report.residual;
+        info->residual_at_samples = report.residual_at_samples;
+        info->kinematic_mismatch = report.kinematic_mismatch;
+        info->iterations = report.iterations;
+        info->intervals = report.intervals;
+        info->n_post = report.n_post;
+    }
+    return status;
 }
 #endif
 
@@ -456,7 +476,7 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
 enum { PAST_NODES = 7, SILENT_UPDATES = ELBOW_STREAM_START_SAMPLES(0) - 1 - PAST_NODES };
 
 /* Copy sample k of a path. */
-static inline void sample_of(const elbow_path *p, ptrdiff_t k, real *out)
+static inline void sample_of(const elbow_samples *p, ptrdiff_t k, real *out)
 {
     copy(p->y + k * NT, NT, out);
     copy(p->dy + k * NY, NY, out + NT);
@@ -464,7 +484,7 @@ static inline void sample_of(const elbow_path *p, ptrdiff_t k, real *out)
 }
 
 /* The path of the horizon and before it: node 0 of the horizon is sample `now`. */
-static inline void set_path(real *s, const layout *l, const elbow_path *p, ptrdiff_t now)
+static inline void set_path(real *s, const layout *l, const elbow_samples *p, ptrdiff_t now)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     real *nodes = s + l->nodes;
@@ -621,7 +641,7 @@ static inline void joints_at_start(const real *s, const layout *l, real q[NA])
 }
 
 /* The stream, at equilibrium now, is on the path instead. */
-static inline int set_moving(real *s, const layout *l, const elbow_path *p, ptrdiff_t now, const real *q)
+static inline int set_moving(real *s, const layout *l, const elbow_samples *p, ptrdiff_t now, const real *q)
 {
     int status;
     set_path(s, l, p, now);
@@ -846,6 +866,12 @@ static inline int do_parts(real *s, const layout *l, int parts)
 
 /* --- The functions of a stream. */
 
+/* The memory of a stream of the caller; a null pointer where there is none. */
+static real *memory_of(const elbow_stream *stream)
+{
+    return stream == NULL || stream->size <= STATE ? NULL : stream->memory;
+}
+
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
 #if ELBOW_NE > 0
 static const real initial_weight = 1e-4; /* before the first of them */
@@ -914,9 +940,10 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     return static_deflections(tau, 1, zero, deflection, stiffness, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
 }
 
-COLD elbow_status elbow_stream_start(real *stream, int64_t stream_size, const elbow_stream_options *options,
+COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stream_options *options,
     const real y[ELBOW_NT], PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
 {
+    real *stream = given == NULL ? NULL : given->memory;
     const real *parameters_given = GIVEN_PARAMETERS;
     layout l;
     real q[NA], *space;
@@ -929,7 +956,7 @@ COLD elbow_status elbow_stream_start(real *stream, int64_t stream_size, const el
         return ELBOW_BAD_ARGUMENT;
     }
     l = laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay);
-    if (stream_size < l.end) {
+    if (given->size < l.end) {
         return ELBOW_WORK_TOO_SMALL;
     }
     stream[STATE] = IS_EMPTY;
@@ -992,8 +1019,9 @@ static int has_begun(const real *stream)
 }
 
 #if ELBOW_PARAMETERS > 0
-COLD elbow_status elbow_stream_parameters(real *stream, const real parameters[ELBOW_PARAMETERS])
+COLD elbow_status elbow_stream_parameters(const elbow_stream *given, const real parameters[ELBOW_PARAMETERS])
 {
+    real *stream = memory_of(given);
     layout l;
     if (stream == NULL || parameters == NULL) {
         return ELBOW_NULL_ARGUMENT;
@@ -1015,8 +1043,9 @@ COLD elbow_status elbow_stream_parameters(real *stream, const real parameters[EL
 #endif
 
 COLD elbow_status elbow_stream_limits(
-    real *stream, const real torque_max[ELBOW_NM], const real speed_max[ELBOW_NM], real deviation_max)
+    const elbow_stream *given, const real torque_max[ELBOW_NM], const real speed_max[ELBOW_NM], real deviation_max)
 {
+    real *stream = memory_of(given);
     layout l;
     limits_layout w;
     ptrdiff_t N;
@@ -1057,8 +1086,10 @@ static elbow_status failed(real *stream, int status)
     return status == ELBOW_UNREACHABLE ? ELBOW_NOT_CONVERGED : (elbow_status)status;
 }
 
-elbow_status elbow_stream_begin(real *stream, const real y[ELBOW_NT], const real dy[ELBOW_NY], const real ddy[ELBOW_NY])
+elbow_status elbow_stream_begin(
+    const elbow_stream *given, const real y[ELBOW_NT], const real dy[ELBOW_NY], const real ddy[ELBOW_NY])
 {
+    real *stream = memory_of(given);
     layout l;
     real own[REFERENCE], next[REFERENCE], deviation[DEVIATION];
     next_interval arrived;
@@ -1104,8 +1135,9 @@ elbow_status elbow_stream_begin(real *stream, const real y[ELBOW_NT], const real
     return ELBOW_OK;
 }
 
-elbow_status elbow_stream_advance(real *stream, int parts)
+elbow_status elbow_stream_advance(const elbow_stream *given, int parts)
 {
+    real *stream = memory_of(given);
     layout l;
     int status;
     if (stream == NULL) {
@@ -1130,8 +1162,9 @@ static void give(const real *from, ptrdiff_t size, real *to)
     }
 }
 
-elbow_status elbow_stream_finish(real *stream, elbow_motion *motion, elbow_stream_info *info)
+elbow_status elbow_stream_finish(const elbow_stream *given, elbow_motion *motion, elbow_stream_info *info)
 {
+    real *stream = memory_of(given);
     layout l;
     interval_results out;
     ptrdiff_t n;
@@ -1156,8 +1189,6 @@ elbow_status elbow_stream_finish(real *stream, elbow_motion *motion, elbow_strea
     give(out.v_m, n * NM, motion->v_m);
     give(out.tau_m, n * NM, motion->tau_m);
     stream[PART] = (real)NO_UPDATE;
-    info->iterations = 1;
-    info->intervals = (int)stream[INTERVALS];
     info->residual = stream[RESIDUAL];
     info->kinematic_mismatch = stream[MISMATCH];
     info->torque_step = stream[TORQUE_STEP];
@@ -1167,17 +1198,21 @@ elbow_status elbow_stream_finish(real *stream, elbow_motion *motion, elbow_strea
     info->deviation_rad = stream[OFF + 1];
     info->limits_active = stream[LIMITED] > 0.0;
     /* one cause: a short horizon makes the residual large too */
-    info->cause = !(info->torque_step <= torque_step_max) ? 3 : !(info->residual <= stream[TOLERANCE]) ? 1 : 0;
-    if (info->cause == 0 && !(info->kinematic_mismatch <= mismatch_max)) {
-        info->cause = 2;
+    info->cause = ELBOW_CAUSE_NONE;
+    if (!(info->torque_step <= torque_step_max)) {
+        info->cause = ELBOW_CAUSE_TORQUE_STEP;
+    } else if (!(info->residual <= stream[TOLERANCE])) {
+        info->cause = ELBOW_CAUSE_RESIDUAL;
+    } else if (!(info->kinematic_mismatch <= mismatch_max)) {
+        info->cause = ELBOW_CAUSE_MISMATCH;
     }
-    if (info->cause != 0) {
+    if (info->cause != ELBOW_CAUSE_NONE) {
         return ELBOW_TOLERANCE_NOT_MET;
     }
     return info->limits_active ? ELBOW_LIMITS_ACTIVE : ELBOW_OK;
 }
 
-elbow_status elbow_stream_update(real *stream, const real y[ELBOW_NT], const real dy[ELBOW_NY],
+elbow_status elbow_stream_update(const elbow_stream *stream, const real y[ELBOW_NT], const real dy[ELBOW_NY],
     const real ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info)
 {
     elbow_status status;
@@ -1189,7 +1224,7 @@ elbow_status elbow_stream_update(real *stream, const real y[ELBOW_NT], const rea
 }
 
 /* Whether all samples are finite, and all rotations are rotations and close to each other. */
-static elbow_status check_samples(const elbow_path *p)
+static elbow_status check_samples(const elbow_samples *p)
 {
     for (ptrdiff_t k = 0; k < p->n; ++k) {
         if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) || !is_finite(p->ddy + k * NY, NY)) {
@@ -1207,15 +1242,15 @@ static elbow_status check_samples(const elbow_path *p)
     return ELBOW_OK;
 }
 
-COLD elbow_status elbow_stream_start_moving(real *stream, int64_t stream_size, const elbow_stream_options *options,
-    const elbow_path *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
+COLD elbow_status elbow_stream_start_moving(const elbow_stream *given, const elbow_stream_options *options,
+    const elbow_samples *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
 {
     elbow_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
     elbow_stream_info info;
     elbow_status status;
     ptrdiff_t now;
     layout l;
-    real q[NA];
+    real q[NA], *stream = given == NULL ? NULL : given->memory;
     if (stream == NULL || options == NULL || path == NULL || path->y == NULL || path->dy == NULL || path->ddy == NULL ||
         q_start == NULL) {
         return ELBOW_NULL_ARGUMENT;
@@ -1229,7 +1264,7 @@ COLD elbow_status elbow_stream_start_moving(real *stream, int64_t stream_size, c
         return status;
     }
     now = path->n - 1 - SILENT_UPDATES - options->intervals;
-    status = elbow_stream_start(stream, stream_size, options, path->y + now * NT, PASSED_PARAMETERS q_start);
+    status = elbow_stream_start(given, options, path->y + now * NT, PASSED_PARAMETERS q_start);
     if (status != ELBOW_OK) {
         return status;
     }
@@ -1237,7 +1272,7 @@ COLD elbow_status elbow_stream_start_moving(real *stream, int64_t stream_size, c
     joints_at_start(stream, &l, q);
     status = (elbow_status)set_moving(stream, &l, path, now, q);
     for (ptrdiff_t k = path->n - SILENT_UPDATES; k < path->n && status >= ELBOW_OK; ++k) {
-        status = elbow_stream_update(stream, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
+        status = elbow_stream_update(given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
     }
     if (status < ELBOW_OK) {
         stream[STATE] = IS_EMPTY;

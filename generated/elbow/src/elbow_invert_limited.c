@@ -444,7 +444,7 @@ static int are_limits(const real *limits, int size)
 }
 
 /* The path with the deviation of the coefficients. */
-static void deviate(const limited_call *m, const elbow_path *p, const real *c)
+static void deviate(const limited_call *m, const elbow_samples *p, const real *c)
 {
     for (int k = 0; k < m->n; ++k) {
         real plan[REFERENCE], d[3 * NY], out[REFERENCE];
@@ -479,16 +479,16 @@ static int quantities(const limited_call *m, int sample, int with_friction, real
 
 /* What the inversions inside need of the caller's arguments. */
 typedef struct {
-    const elbow_path *p;
+    const elbow_samples *p;
     const real *parameters, *q_start;
     elbow_inversion_options options;
-    elbow_inversion_info *info;
+    elbow_invert_info *info;
 } inner_call;
 
 static elbow_status invert_deviated(
     const limited_call *m, const inner_call *call, const elbow_inversion_options *o, elbow_motion *motion)
 {
-    const elbow_path deviated = {m->n, call->p->period, m->y, m->dy, m->ddy};
+    const elbow_samples deviated = {m->n, call->p->period, m->y, m->dy, m->ddy};
 #if ELBOW_PARAMETERS > 0
     return elbow_invert(&deviated, call->parameters, call->q_start, o, motion, call->info, m->inner, m->inner_size);
 #else
@@ -904,7 +904,7 @@ static elbow_status modify_path_within(limited_call *m, const inner_call *call, 
 
 /* Largest distance and angle of the deviation, and the deviation for the caller. */
 static void report_deviation(
-    const limited_call *m, const elbow_inversion_limits *limits, real period, elbow_inversion_info *info)
+    const limited_call *m, const elbow_inversion_limits *limits, real period, elbow_invert_limited_info *info)
 {
     info->deviation_m = info->deviation_rad = 0.0;
     for (int k = 0; k < m->n; ++k) {
@@ -919,9 +919,10 @@ static void report_deviation(
     }
 }
 
-elbow_status elbow_invert_limited(const elbow_path *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
+/* As elbow_invert_limited; `inner` takes what the last inversion reports, `report` whether the sizes are right. */
+static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
     const elbow_inversion_options *options, const elbow_inversion_limits *limits, elbow_motion *motion,
-    elbow_inversion_info *info, real *work, int64_t work_size)
+    elbow_invert_limited_info *info, elbow_invert_info *inner, whole_report *report, real *work, int64_t work_size)
 {
     const real *values = GIVEN_PARAMETERS;
     limited_call m;
@@ -929,8 +930,7 @@ elbow_status elbow_invert_limited(const elbow_path *path, PARAMETERS_ARGUMENT co
     elbow_status status, found;
     real worst;
     int programs = 0;
-    if (path == NULL || options == NULL || limits == NULL || motion == NULL || info == NULL || work == NULL ||
-        values == NULL) {
+    if (path == NULL || options == NULL || limits == NULL || motion == NULL || work == NULL || values == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
     if (path->n < 2 || !are_limits(limits->torque_max, NM) || !are_limits(limits->speed_max, NM) ||
@@ -949,10 +949,10 @@ elbow_status elbow_invert_limited(const elbow_path *path, PARAMETERS_ARGUMENT co
     call.options.delay = 0.0;
     call.options.settled = 0.0;
     call.options.tolerance = fmin_1(rough_tolerance * options->tolerance, PRECISE(1e-3, 1e-2));
-    call.info = info;
+    call.info = inner;
     {
         elbow_motion first = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
-        status = check_arguments(path, values, q_start, options, &first, info, work, m.inner_size, m.inner_size);
+        status = check_arguments(path, values, q_start, options, &first, report, work, m.inner_size, m.inner_size);
         if (status != ELBOW_OK) {
             return status;
         }
@@ -987,11 +987,42 @@ elbow_status elbow_invert_limited(const elbow_path *path, PARAMETERS_ARGUMENT co
     deviate(&m, path, m.c);
     status = invert_deviated(&m, &call, options, motion);
     if (status == ELBOW_TOLERANCE_NOT_MET && found == ELBOW_LIMITS_ACTIVE &&
-        info->residual_at_samples <= call.options.tolerance && info->kinematic_mismatch <= mismatch_max) {
+        inner->residual_at_samples <= call.options.tolerance && inner->kinematic_mismatch <= mismatch_max) {
         status = ELBOW_OK; /* a deviation is rougher than its path: the tolerance of the programs */
     }
     report_deviation(&m, limits, path->period, info);
     info->limit_excess = worst > 0.0 ? worst : 0.0;
     info->programs = programs;
     return status == ELBOW_OK ? found : status;
+}
+
+elbow_status elbow_invert_limited(const elbow_samples *samples, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
+    const elbow_inversion_options *options, const elbow_inversion_limits *limits, elbow_motion *motion,
+    elbow_invert_limited_info *info, real *work, int64_t work_size)
+{
+    whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
+    elbow_invert_limited_info found;
+    elbow_invert_info inner;
+    elbow_status status = ELBOW_NULL_ARGUMENT;
+    inner.residual = inner.residual_at_samples = inner.kinematic_mismatch = (real)NAN;
+    inner.iterations = inner.intervals = inner.n_post = 0;
+    found.deviation_m = found.deviation_rad = found.limit_excess = 0.0;
+    found.programs = 0;
+    if (info != NULL) {
+        status = invert_within(
+            samples, PASSED_PARAMETERS q_start, options, limits, motion, &found, &inner, &report, work, work_size);
+    }
+    if (report.is_set) {
+        info->residual = inner.residual;
+        info->residual_at_samples = inner.residual_at_samples;
+        info->kinematic_mismatch = inner.kinematic_mismatch;
+        info->deviation_m = found.deviation_m;
+        info->deviation_rad = found.deviation_rad;
+        info->limit_excess = found.limit_excess;
+        info->programs = found.programs;
+        info->iterations = inner.iterations;
+        info->intervals = inner.intervals;
+        info->n_post = inner.n_post;
+    }
+    return status;
 }

@@ -282,7 +282,7 @@ static const real rest_rate_max = 1e-6;
  * Whether a path, the run-time parameters and the guess of the start are finite, all rotations are rotations and close
  * to each other, and the output is at rest at both ends.
  */
-static inline elbow_status check_path(const elbow_path *p, const real *parameters, const real *q_start)
+static inline elbow_status check_path(const elbow_samples *p, const real *parameters, const real *q_start)
 {
     for (int k = 0; k < p->n; ++k) {
         if (!is_finite(p->y + k * (ptrdiff_t)NT, NT) || !is_finite(p->dy + k * (ptrdiff_t)NY, NY) ||
@@ -323,8 +323,8 @@ static inline real time_of_point(const mesh *m, int k)
 }
 
 /* The path at the Gauss points, and joints that follow it while all nodes keep the deflections of the equilibrium q. */
-static inline int guess_mesh(
-    mesh *m, const elbow_path *p, const real *q, int n_pre, int samples_per_interval, problem_points *arm, real *space)
+static inline int guess_mesh(mesh *m, const elbow_samples *p, const real *q, int n_pre, int samples_per_interval,
+    problem_points *arm, real *space)
 {
     /* The path of the last one is that of all others; so are the joints. */
     const int solved = m->varying < m->N ? m->varying * STAGES + 1 : m->N * STAGES;
@@ -440,13 +440,20 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     return l;
 }
 
-/* Check the arguments of a solver that needs `wanted` reals of workspace; set the results in `info` to NaN. */
-static inline elbow_status check_arguments(const elbow_path *p, const real *parameters, const real *q_start,
-    const elbow_inversion_options *o, const elbow_motion *motion, elbow_inversion_info *info, const real *work,
+/* What a solver finds on the way; the public functions give their part of it to the caller. */
+typedef struct {
+    int is_set; /* the arguments are of the right sizes */
+    real residual, residual_at_samples, kinematic_mismatch;
+    int iterations, intervals, n_post;
+} whole_report;
+
+/* Check the arguments of a solver that needs `wanted` reals of workspace, and set the report to NaN. */
+static inline elbow_status check_arguments(const elbow_samples *p, const real *parameters, const real *q_start,
+    const elbow_inversion_options *o, const elbow_motion *motion, whole_report *report, const real *work,
     int64_t work_size, int64_t wanted)
 {
-    if (p == NULL || parameters == NULL || q_start == NULL || o == NULL || motion == NULL || info == NULL ||
-        work == NULL || p->y == NULL || p->dy == NULL || p->ddy == NULL) {
+    if (p == NULL || parameters == NULL || q_start == NULL || o == NULL || motion == NULL || work == NULL ||
+        p->y == NULL || p->dy == NULL || p->ddy == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
     if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
@@ -456,19 +463,17 @@ static inline elbow_status check_arguments(const elbow_path *p, const real *para
     if (work_size < wanted) {
         return ELBOW_WORK_TOO_SMALL;
     }
-    info->residual = info->residual_at_samples = info->kinematic_mismatch = (real)NAN;
-    info->iterations = info->intervals = 0;
-    info->unstable_zeros_start = info->unstable_zeros_end = 0;
-    info->deviation_m = info->deviation_rad = info->limit_excess = 0.0;
-    info->programs = 0;
-    info->n_post = o->n_post;
+    report->is_set = 1;
+    report->residual = report->residual_at_samples = report->kinematic_mismatch = (real)NAN;
+    report->iterations = report->intervals = 0;
+    report->n_post = o->n_post;
     return check_path(p, parameters, q_start);
 }
 
 #if ELBOW_NE > 0
 
 /* The mesh in the workspace. */
-static inline mesh mesh_in(const whole_layout *l, const elbow_path *p, const elbow_inversion_options *o, real *work)
+static inline mesh mesh_in(const whole_layout *l, const elbow_samples *p, const elbow_inversion_options *o, real *work)
 {
     mesh m;
     m.N = (int)l->intervals;
@@ -527,7 +532,7 @@ static const real sampled_tolerances = PRECISE(1e2, 1.0);
 
 /* The results at the samples: arrays of the caller or of the workspace, sample after sample. */
 typedef struct {
-    const elbow_path *p;
+    const elbow_samples *p;
     const elbow_inversion_options *o;
     ptrdiff_t samples; /* of the motion: n_pre + n + n_post, or fewer where it has settled */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
@@ -852,13 +857,12 @@ static inline int rest_at_samples(
  * motion is at the first `samples`; from the last of them on it rests at q_end (null: where the path ends), where there
  * are more.
  */
-static inline elbow_status finish(const elbow_path *p, const elbow_inversion_options *o, const whole_layout *l,
+static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_options *o, const whole_layout *l,
     const real *q,
 #if ELBOW_NE > 0
     const mesh *m,
 #endif
-    const real *q_end, ptrdiff_t samples, problem_points *arm, elbow_motion *motion, elbow_inversion_info *info,
-    real *work)
+    const real *q_end, ptrdiff_t samples, problem_points *arm, elbow_motion *motion, whole_report *report, real *work)
 {
     results r;
     int status;
@@ -885,14 +889,14 @@ static inline elbow_status finish(const elbow_path *p, const elbow_inversion_opt
     r.joint_weights = work + l->joint_weights;
     nodal_accelerations(m, work + l->a_node);
 #endif
-    status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &info->residual_at_samples);
+    status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &report->residual_at_samples);
     if (status == ELBOW_OK) {
         status = motors_at_samples(&r, work + l->space);
     }
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
-    info->kinematic_mismatch = kinematic_mismatch(&r);
+    report->kinematic_mismatch = kinematic_mismatch(&r);
     if (r.samples < (ptrdiff_t)l->samples) {
         real end[NA];
         copy(q_end != NULL ? q_end : r.q_a + (r.samples - 1) * NA, NA, end);
@@ -900,12 +904,13 @@ static inline elbow_status finish(const elbow_path *p, const elbow_inversion_opt
         if (status != ELBOW_OK) {
             return (elbow_status)status;
         }
-        info->n_post = (int)r.samples - o->n_pre - p->n;
+        report->n_post = (int)r.samples - o->n_pre - p->n;
     }
     if (r.tau_m != NULL) {
         hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
     }
-    return info->residual_at_samples <= sampled_tolerances * o->tolerance && info->kinematic_mismatch <= mismatch_max ?
+    return report->residual_at_samples <= sampled_tolerances * o->tolerance &&
+                   report->kinematic_mismatch <= mismatch_max ?
                ELBOW_OK :
                ELBOW_TOLERANCE_NOT_MET;
 }

@@ -27,7 +27,7 @@ int main(void)
     double *y = block(2 * N), *dy = block(2 * N), *ddy = block(2 * N), *q_start = block(3), *bound = block(2);
     double *tau_m = block(2 * TOTAL), *deviation = block(2 * N), *small = block((size_t)planar5_nmp_path_work());
     double duration;
-    const planar5_nmp_path path = {N, 1e-3, y, dy, ddy};
+    const planar5_nmp_samples path = {N, 1e-3, y, dy, ddy};
     planar5_nmp_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, tau_m};
     if (planar5_nmp_path_start(planar5_nmp_path_line, PLANAR5_NMP_PATH_LINE_SIZE, &duration, q_start) != 0) {
         return 9;
@@ -42,7 +42,7 @@ int main(void)
         for (size_t j = 0; j < sizeof knots / sizeof *knots; ++j) {
             planar5_nmp_inversion_options options = {PRE, POST, 5, 1e-6, PLANAR5_NMP_HOLD_ZOH, 1.0, 0.0};
             const planar5_nmp_inversion_limits limits = {bound, NULL, NULL, knots[j], j % 2 ? deviation : NULL};
-            planar5_nmp_inversion_info info;
+            planar5_nmp_invert_limited_info info;
             int64_t size;
             double *work;
             memcpy(bound, torque[i], sizeof torque[i]);

@@ -53,20 +53,23 @@ static const char *block_advance(core *c, double length)
 
 static const char *block_start(core *c)
 {
-    const MODEL(stream_options) options = {INTERVALS, SAMPLES, PERIOD, TOLERANCE, 0, 0.0};
-    const int status = MODEL(stream_start)(c->s.memory, N_STREAM, &options, c->s.u, c->s.p, Q_START);
+    const MODEL(stream) stream = {.memory = c->s.memory, .size = N_STREAM};
+    const MODEL(stream_options)
+        options = {.intervals = INTERVALS, .samples_per_interval = SAMPLES, .period = PERIOD, .tolerance = TOLERANCE};
+    const MODEL(status) status = MODEL(stream_start)(&stream, &options, c->s.u, c->s.p, Q_START);
     c->s.status = status;
     return status < 0 ? MODEL(status_text)(status) : NULL;
 }
 
 static const char *block_parameters(core *c)
 {
-    const int status = MODEL(stream_parameters)(c->s.memory, c->s.p);
+    const MODEL(stream) stream = {.memory = c->s.memory, .size = N_STREAM};
+    const MODEL(status) status = MODEL(stream_parameters)(&stream, c->s.p);
     return status < 0 ? MODEL(status_text)(status) : NULL;
 }
 
 /* Statuses with which the stream refuses a sample and goes on; after other errors it has to be started again. */
-static int is_refused(int status)
+static int is_refused(MODEL(status) status)
 {
     return status == REFUSED_NOT_FINITE || status == REFUSED_ARGUMENT || status == REFUSED_UNREACHABLE;
 }
@@ -76,10 +79,18 @@ static core_status block_tick(core *c)
     const int sample = (int)(c->s.tick % SAMPLES);
     double *memory = c->s.memory, *y = c->s.y;
     if (sample == 0) {
-        MODEL(motion) motion = {memory + Q_A, memory + V_A, NULL, NULL, memory + Q_M, memory + V_M, memory + TAU_M};
+        const MODEL(stream) stream = {.memory = memory, .size = N_STREAM};
+        MODEL(motion)
+        motion = {
+            .q_a = memory + Q_A,
+            .v_a = memory + V_A,
+            .q_m = memory + Q_M,
+            .v_m = memory + V_M,
+            .tau_m = memory + TAU_M,
+        };
         MODEL(stream_info) info;
         const double *u = c->s.u;
-        const int status = MODEL(stream_update)(memory, u, u + N_T, u + N_T + N_OUT, &motion, &info);
+        const MODEL(status) status = MODEL(stream_update)(&stream, u, u + N_T, u + N_T + N_OUT, &motion, &info);
         if (status < 0) {
             return fail(c, is_refused(status) ? DISCARD : FAILURE, MODEL(status_text)(status));
         }
@@ -94,7 +105,7 @@ static core_status block_tick(core *c)
     memcpy(y + 3 * N_M, memory + Q_A + sample * N_A, N_A * sizeof *y);
     memcpy(y + 3 * N_M + N_A, memory + V_A + sample * N_A, N_A * sizeof *y);
     memcpy(y + 3 * N_M + 2 * N_A, memory + FIGURES, 3 * sizeof *y);
-    return c->s.status > 0 && sample == 0 ? fail(c, WARNING, MODEL(status_text)((int)c->s.status)) : SUCCESS;
+    return c->s.status > 0 && sample == 0 ? fail(c, WARNING, MODEL(status_text)((MODEL(status))c->s.status)) : SUCCESS;
 }
 
 #endif
