@@ -4,27 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from flexgen.model import format_robot as robot
 from flexgen.model.elements import Body, Placement
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
-from flexgen.model.format_robot import (
-    BALANCE,
-    BODY,
-    COUNTERBALANCE,
-    DAMPING,
-    DOF,
-    ELEMENT,
-    FRICTION,
-    GEAR,
-    JOINT_SPRING,
-    PLACEMENT,
-    RATES,
-    REDUCED,
-    SPRING,
-    check_size,
-    friction,
-    limits,
-)
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
 from flexgen.ports import c_name_problem
 from flexgen.spec.keys import (
@@ -50,22 +33,23 @@ from flexgen.spec.tables import IDENTIFIER, Table
 # --- the file ---------------------------------------------------------------------------------------------------------
 
 
+_FLANGE = "pose of the tool frame, from the tip of the last element"
 _COMPLETE = "complete: rotors also turn with the bodies that carry them"
 _LOAD = "load, in the frame of the tip of the last element; com: by default at the tool"
 _SENSORS = "sensors in addition to the motor encoders"
 MODEL = Format(
     "robot model of flexgen",  # keys in the order of reading
     (
-        Key("tool", sub(PLACEMENT), "pose of the tool frame, from the tip of the last element", default=Placement()),
+        Key("tool", sub(robot.PLACEMENT), _FLANGE, default=Placement()),
         Key("motor_coupling", choice("simplified", "complete"), _COMPLETE, default="simplified"),
-        Key("element", listed(ELEMENT), "the chain, from the base to the tool", check=check_size),
+        Key("element", listed(robot.ELEMENT), "the chain, from the base to the tool", check=robot.check_size),
         Key("name", name(problem_of=c_name_problem), "name of the robot, the prefix of every C symbol"),
         Key("description", text(), "one line", default=""),
         Key("source", text(), "where the numbers come from", default=""),
         Key("gravity", vector(3), "gravity, world axes", "m/s^2", note="m/s^2, world axes"),
-        Key("base", sub(PLACEMENT), "pose of the base in the world", default=Placement()),
+        Key("base", sub(robot.PLACEMENT), "pose of the base in the world", default=Placement()),
         Key("motor", listed(MOTOR), "motors, as many as actuated coordinates", check=check_motors),
-        Key("payload", sub(BODY), _LOAD, default=lambda table, here: Body(com=here.values["tool"].position)),
+        Key("payload", sub(robot.BODY), _LOAD, default=lambda table, here: Body(com=here.values["tool"].position)),
         Key("output", sub(OUTPUT), OUTPUT.doc, note="the output that a reference prescribes"),
         Key("move", listed(MOVE, least=0), "reference moves that start and end at rest", default=()),
         joint_position("home", "home position"),
@@ -116,27 +100,27 @@ _EXTRA = "degrees of freedom {} the joint, at the same point"
 JOINT = Format(
     "joint of the URDF file",
     (
-        Key("rename", name(), DOF.shared[0].doc, default=None),
-        Key("gear", sub(GEAR), "gear of the joint; default: rigid", default=None),
-        Key("spring", sub(JOINT_SPRING), "spring instead of a gear: no motor", default=None),
-        DAMPING,
-        replace(FRICTION, doc="instead of <dynamics>"),
-        replace(BALANCE, doc="torque by the angle, of a rotation"),
+        Key("rename", name(), robot.DOF.shared[0].doc, default=None),
+        Key("gear", sub(robot.GEAR), "gear of the joint; default: rigid", default=None),
+        Key("spring", sub(robot.JOINT_SPRING), "spring instead of a gear: no motor", default=None),
+        robot.DAMPING,
+        replace(robot.FRICTION, doc="instead of <dynamics>"),
+        replace(robot.BALANCE, doc="torque by the angle, of a rotation"),
         _LIMITS,
         Key("motor", sub(MOTOR.without("drives").optional()), "motor of the joint", default=None),
-        Key("before", listed(DOF, least=0), _EXTRA.format("before"), default=()),
-        Key("after", listed(DOF, least=0), _EXTRA.format("after"), default=()),
-        *limits(number(), "m"),
-        *limits(angle(), "rad"),
-        *RATES,
+        Key("before", listed(robot.DOF, least=0), _EXTRA.format("before"), default=()),
+        Key("after", listed(robot.DOF, least=0), _EXTRA.format("after"), default=()),
+        *robot.limits(number(), "m"),
+        *robot.limits(angle(), "rad"),
+        *robot.RATES,
     ),
 )
 LINK = Format(
     "link of the URDF file",
     (
-        Key("rename", name(), ELEMENT["name"].doc, default=None),
-        Key("body", sub(BODY.without("rotational_drag")), "instead of <inertial>", default=None),
-        Key("inertia_reduced", flag(), REDUCED, default=False),
+        Key("rename", name(), robot.ELEMENT["name"].doc, default=None),
+        Key("body", sub(robot.BODY.without("rotational_drag")), "instead of <inertial>", default=None),
+        Key("inertia_reduced", flag(), robot.REDUCED, default=False),
     ),
 )
 
@@ -163,5 +147,5 @@ def model_schema() -> Schema:
         {"required": needed, "not": {"required": ["urdf"]}},
         {"required": ["urdf"], "not": {"required": ["element"]}},
     ]
-    forms = (PLACEMENT, BODY, SPRING, JOINT_SPRING, friction(), COUNTERBALANCE, GEAR, DOF)
+    forms = [form for form in (*vars(robot).values(), robot.friction()) if getattr(form, "definition", "")]
     return root | {"definitions": {form.definition: table_schema(form) for form in forms}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from flexgen.model.elements import Matrix
 from flexgen.model.format_robot import RPY
@@ -46,51 +47,42 @@ def _read_orientation(table: Table, key: Key, here: Context) -> Matrix:
     return orientation
 
 
-def _read_size(table: Table, key: Key, here: Context) -> float:
-    """The speed or zone of a joint move [rad or m]."""
-    full = table.unit_key(key.name) or ""
-    factor = joint_factor(table, full, key.name, here)
-    value = table.number(full, least=0.0) if key.name == "zone" else table.number(full, above=0.0)
-    return math.radians(value) if factor != 1.0 else value
+def _of_joints(kind: Type) -> Type:
+    """A number in rad or m, of all joints."""
+
+    def read_size(table: Table, key: Key, here: Context) -> float:
+        full = table.unit_key(key.name) or ""
+        factor = joint_factor(table, full, key.name, here)
+        value: float = kind.read(table, replace(key, name=full), here)
+        return math.radians(value) if factor != 1.0 else value
+
+    return Type(read_size, kind.schema, angle=True)
 
 
-def _absolute(table: Table) -> bool:
-    return "position" in table
+def _unless_position(table: Table, here: Context) -> Any:
+    return () if "position" in table else REQUIRED
 
 
 _OF_STEP = "m, world axes, from where the step begins"
 _OF_WORLD = "m, world axes and origin"
+_RPY = Type(_read_orientation, vector(3).schema, angle=True)
 _PAUSE = Key("pause", number(least=0.0), "pause after the step", "s", 0.0)
 _LINE = (
     replace(_PAUSE, check=_check_place),
-    Key(
-        "displacement",
-        vector(3),
-        "from where the step begins, world axes",
-        "m",
-        lambda table, here: () if _absolute(table) else REQUIRED,
-        _OF_STEP,
-    ),
+    Key("displacement", vector(3), "from where the step begins, world axes", "m", _unless_position, _OF_STEP),
     Key("position", vector(3), "where the step ends, in the world", "m", (), _OF_WORLD),
     rotation("rotation vector in this step, world axes"),
-    Key(
-        "rpy",
-        Type(_read_orientation, vector(3).schema, angle=True),
-        "orientation at the end, world axes: roll, pitch, yaw",
-        "rad",
-        (),
-        attribute="orientation",
-    ),
+    Key("rpy", _RPY, "orientation at the end, world axes: roll, pitch, yaw", "rad", (), attribute="orientation"),
     Key("speed", number(above=0.0), "largest speed of the tool", "m/s", None),
     Key("zone", number(least=0.0), "distance from the end at which the rounding to the next step begins", "m", 0.0),
     CONFIGURATION,
 )
 _VIA = Type(
-    lambda table, key, here: table.vector(key.name, 3, what=_OF_WORLD if _absolute(table) else _OF_STEP),
+    lambda table, key, here: table.vector(key.name, 3, what=_OF_WORLD if "position" in table else _OF_STEP),
     vector(3).schema,
 )
-_SPEED = Type(_read_size, number(above=0.0).schema, angle=True)
-_ZONE = Type(_read_size, number(least=0.0).schema, angle=True)
+_SPEED, _ZONE = _of_joints(number(above=0.0)), _of_joints(number(least=0.0))
+_VIA_KEY = Key("via", _VIA, "point of the arc; same origin as the end", "m")
 STEP = Kinds(
     "step",
     {
@@ -106,12 +98,7 @@ STEP = Kinds(
             where=True,
         ),
         "MoveL": Format("line of the tool", _LINE, MoveL, where=True),
-        "MoveC": Format(
-            "arc of the tool",
-            (*_LINE, Key("via", _VIA, "point of the arc; same origin as the end", "m")),
-            MoveC,
-            where=True,
-        ),
+        "MoveC": Format("arc of the tool", (*_LINE, _VIA_KEY), MoveC, where=True),
     },
 )
 
@@ -134,19 +121,14 @@ def _check_steps(table: Table, here: Context) -> None:
             raise inner.fail(full, "no zone, or 0, between a MoveJ and a move of the tool: the robot has to stop there")
 
 
+_OF_MOVEJ = "bounds on joint speed, acceleration, jerk, ... of MoveJ"
 PROGRAM = Format(
     "program",
     (
         Key("name", name("move"), "name of the program"),
         joint_position("start", "where the program starts"),
         replace(PROFILE, doc=f"of MoveL and MoveC: {PROFILE.doc}"),
-        Key(
-            "joint_profile",
-            Type(read_profile, BOUNDS, angle=True),
-            "bounds on joint speed, acceleration, jerk, ... of MoveJ",
-            "rad/s, ...",
-            (),
-        ),
+        Key("joint_profile", Type(read_profile, BOUNDS, angle=True), _OF_MOVEJ, "rad/s, ...", ()),
         Key("smoothness", whole(3, 9), "number of continuous derivatives of the speed changes", default=0),
         RADIUS_KEY,
         Key("step", listed(STEP), "steps in their order", check=_check_steps),

@@ -224,12 +224,9 @@ def with_target(make: Callable[..., Any], **values: Any) -> Any:
     return make(target=None if position is None else PoseTarget(position, *pose), **values)
 
 
-CONFIGURATION = Key(
-    "configuration",
-    Type(_read_configuration, list_of({"enum": [-1, 1]}, 3)),
-    "joint configuration at the end: signs of shoulder, elbow and wrist",
-    default=(),
-)
+_SIGNS = Type(_read_configuration, list_of({"enum": [-1, 1]}, 3))
+_OF_ARM = "joint configuration at the end: signs of shoulder, elbow and wrist"
+CONFIGURATION = Key("configuration", _SIGNS, _OF_ARM, default=())
 _TURN = {"type": "integer", "minimum": -MOST_TURNS, "maximum": MOST_TURNS}
 _ORIENTATION = "orientation of the tool at the end, world axes: roll, pitch, yaw"
 

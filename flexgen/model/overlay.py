@@ -14,7 +14,8 @@ import numpy as np
 
 from flexgen.errors import ModelError
 from flexgen.model.elements import Body
-from flexgen.model.format import BODY, DOF, JOINT, LINK, URDF
+from flexgen.model.format import JOINT, LINK, URDF
+from flexgen.model.format_robot import BODY, DOF
 from flexgen.model.templates.joint_defaults import EVERY, merged
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain

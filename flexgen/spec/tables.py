@@ -306,11 +306,6 @@ class Table:
             out.append(Table(self.file, entry, path))
         return out
 
-    def build(self, key: str, make: Callable[[Table], Any], default: Any = None) -> Any:
-        """Apply ``make`` to the table under the key; return the default if the key is missing."""
-        table = self.table(key)
-        return default if table is None else make(table)
-
 
 def entry_name(entry: Entry) -> str | None:
     """The name of a list entry if it is an identifier, else None."""

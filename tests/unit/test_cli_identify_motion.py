@@ -11,8 +11,8 @@ import pytest
 import flexgen
 from flexgen.cli.main import main
 from flexgen.mechanics.parameters import select
-from flexgen.model.templates.number_edit import with_numbers
 from flexgen.numerics.evaluate import evaluate
+from flexgen.spec.number_edit import with_numbers
 
 T = 4e-3
 SENSOR = """

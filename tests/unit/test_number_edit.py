@@ -9,7 +9,7 @@ import pytest
 import flexgen
 from flexgen.errors import ModelError
 from flexgen.mechanics.parameters import select, with_values
-from flexgen.model.templates.number_edit import with_numbers
+from flexgen.spec.number_edit import with_numbers
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 NAMES = [m["name"] for m in flexgen.models() if m["name"] != "urdf_arm"]
