@@ -99,7 +99,7 @@ def file_path(text: str) -> Path:
 
 
 def isa(text: str) -> str:
-    """An instruction set; ``v3`` stands for ``x86-64-v3``."""
+    """An instruction set; ``v3`` means ``x86-64-v3``."""
     return f"x86-64-{text}" if re.fullmatch(r"v\d", text) else text
 
 

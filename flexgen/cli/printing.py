@@ -56,7 +56,7 @@ def one_line(text: str) -> str:
 
 
 def complex_number(pair: Sequence[float | None]) -> str:
-    """A root ``[re, im]`` as text; a complex root stands for its conjugate too."""
+    """A root ``[re, im]`` as text; a complex root includes its conjugate."""
     re, im = pair
     if re is None or im is None:
         return "-"
@@ -83,7 +83,7 @@ def fitted(width: int | None) -> Iterator[None]:
 
 
 def terminal_width() -> int | None:
-    """Characters per line of standard output; None if it is no terminal."""
+    """Characters per line of standard output; None if it is not a terminal."""
     try:
         return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     except (AttributeError, ValueError, OSError):  # no stream, or a closed one

@@ -107,11 +107,11 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def alone(args: Namespace, option: str, *others: str) -> None:
-    """ArgumentError for options that have no effect beside this one."""
+    """ArgumentError for options that have no effect together with this one."""
     given = [name for name in others if name in args.given]
     if given:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise ArgumentError(f"{option}: given with {names}, expected without: beside {option} that has no effect")
+        raise ArgumentError(f"{option}: given with {names}, expected without: with {option} that has no effect")
 
 
 def check_report(directory: Path | None) -> None:

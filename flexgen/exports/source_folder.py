@@ -73,7 +73,7 @@ def write_folder(target: Path, kind: str, name: str, texts: Mapping[str, str], *
     Raises
     ------
     BuildError
-        The folder holds another export or files of somebody else, or cannot be written; it stays as it was.
+        The folder holds another export or files of the user, or cannot be written; it stays as it was.
     """
     assert all(_FILE.match(file) and ".." not in file for file in texts), sorted(texts)
     content = {file: texts[file].encode("ascii") for file in sorted(texts)}
@@ -193,7 +193,7 @@ def _refuse_foreign(target: Path, content: Mapping[str, bytes], old: Mapping[str
 
 
 def _digest(path: Path) -> str | None:
-    """SHA-256 of a file; None where it is no file that can be read."""
+    """SHA-256 of a file; None where it is not a file that can be read."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:

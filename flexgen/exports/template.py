@@ -1,7 +1,7 @@
 """Template files of the exports with names put in.
 
-A template is a real file of its language in which ``model_`` and ``MODEL_`` stand for the name of the library, as in
-``flexgen/clib/``, and words in capitals between two @ for a text. What is put in must be safe where it stands: an
+A template is a real file of its language in which ``model_`` and ``MODEL_`` are replaced by the name of the library, as
+in ``flexgen/clib/``, and words in capitals between two @ for a text. What is put in must be safe where it stands: an
 identifier, a number, or a text that `flexgen.codegen.c_text.quoted`, `xml_text` or `yaml_text` has escaped.
 """
 
@@ -34,7 +34,7 @@ def template(
     words : mapping of str to str
         Text for each word; every word of the template is needed.
     names : mapping of str to str
-        Further names of the template, and what stands for them. They are found before anything is put in: the library
+        Further names of the template, and their replacements. They are found before anything is put in: the library
         may have such a name.
 
     Raises

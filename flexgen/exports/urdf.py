@@ -64,10 +64,10 @@ class Step:
 
 @checked_types
 def export_urdf(model: str | Path | RobotModel, path: str | Path) -> tuple[Path, Path]:
-    """Write a robot as a URDF file and an overlay beside it.
+    """Write a robot as a URDF file and an overlay next to it.
 
     The URDF file is the rigid robot, for other programs: links, joints, inertias, limits, frictions. Elastic degrees
-    of freedom beside a motor joint are rigid in it; those without a motor joint beside them are joints. The overlay,
+    of freedom of elements with a motor joint are rigid in it; those of other elements are joints. The overlay,
     with the ending ``.toml``, adds gears, motors, springs, moves and sensors: `flexgen.read` of the overlay gives the
     same equations. Joints of the URDF file have the names of the coordinates, links those of the elements. The files
     that the robot was read from are never replaced, nor is an overlay that flexgen did not write.

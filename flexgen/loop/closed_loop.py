@@ -269,7 +269,7 @@ class ClosedLoop:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Why each robot stopped; empty: it did not."""
+        """Reason why each robot stopped early, or empty."""
         return tuple(
             "" if status == 0 else self._controller.errors.get(lane, STATUSES[status])
             for lane, status in enumerate(self._arrays["status"])

@@ -48,7 +48,7 @@ class PlantRun:
     saturated : int
         Samples at a torque limit.
     failure : str
-        Why it stopped; empty: it did not.
+        Reason why it stopped early, or empty.
     measured : array (n, n_m) [rad]
         Measured motor angles.
     sensors : array (n, n_s)

@@ -230,7 +230,7 @@ def _check_law(law: type[Friction], table: Table, here: Context) -> None:
         for needed in key.metadata["needs"].split():
             if here.values[key.name] and not here.values[needed]:
                 users = [other.name for other in keys if needed in other.metadata["needs"].split()]
-                raise table.fail(needed, f"a number > 0 beside {' or '.join(users)}")
+                raise table.fail(needed, f"a number > 0 together with {' or '.join(users)}")
 
 
 def _law(law: type[Friction]) -> Format:
@@ -317,11 +317,11 @@ def _check_dof(table: Table, here: Context) -> None:
         key = next(key for key in ("lower", "lower_rad", "lower_deg") if key in table)
         raise table.fail(key, "a lower limit below the upper one")
     if "gear" in table and "spring" in table:
-        raise table.fail("spring", "either a gear (actuated) or a spring (non-actuated)", "a spring beside a gear")
+        raise table.fail("spring", "either a gear (actuated) or a spring (non-actuated)", "both a spring and a gear")
     if "gear" not in table and "spring" not in table:
         raise table.fail("gear", "either a gear (actuated) or a spring (non-actuated)")
     if "gear" in table and "damping" in table:
-        raise table.fail("damping", "the key damping inside the gear", "damping beside a gear")
+        raise table.fail("damping", "the key damping inside the gear", "damping in addition to a gear")
 
 
 def limits(kind: Type, unit: str) -> tuple[Key, Key]:

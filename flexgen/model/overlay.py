@@ -53,7 +53,7 @@ def expand(root: Entry, folder: Path, shown: str) -> None:
     top = Table(shown, root, "")
     for name in _FROM_URDF:
         if name in top:
-            raise top.fail(name, "either [urdf] or [[element]] tables, not both", f"{name} beside [urdf]")
+            raise top.fail(name, "either [urdf] or [[element]] tables, not both", f"{name} in addition to [urdf]")
     overlay = _Overlay(top, folder)
     chain = overlay.chain()
     overlay.spread(chain)
@@ -259,20 +259,20 @@ class _Overlay:
             name = self._named("joint", joint.name)
             if table is not None and "spring" in table:
                 if own is not None:
-                    raise table.fail("motor", "either a motor or a spring (non-actuated)", "a motor beside a spring")
+                    raise table.fail("motor", "either a motor or a spring (non-actuated)", "both a motor and a spring")
                 continue
             count += 1
             if name in driven:
                 if own is not None:
                     assert table is not None
                     raise table.fail(
-                        "motor", "either motor or a [[motor]] table", f"a motor beside a [[motor]] of {show(name)}"
+                        "motor", "either motor or a [[motor]] table", f"both a motor and a [[motor]] of {show(name)}"
                     )
                 continue
             value: dict[str, Any] = {"name": f"m{count}", "drives": name, "ratio": 1.0}
             if table is not None and _elastic(table):
                 if own is None or "inertia" not in own:
-                    expected = "motor = { ratio = ..., inertia = ... } beside an elastic gear"
+                    expected = "motor = { ratio = ..., inertia = ... } together with an elastic gear"
                     raise (own or table).fail("inertia" if own else "motor", expected)
             else:
                 value["inertia"] = 0.0

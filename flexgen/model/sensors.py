@@ -1,4 +1,4 @@
-"""Sensors of a robot beside the motor encoders, and their tables in a model file.
+"""Sensors of a robot in addition to the motor encoders, and their tables in a model file.
 
     [[sensor]]
     name = "acc"

@@ -114,7 +114,7 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
         return None
     if ends:
         if base is not None or tip is not None:
-            raise ArgumentError(f"base and tip: given beside {text!r}, expected each once")
+            raise ArgumentError(f"base and tip: given in addition to {text!r}, expected each once")
         base, _, tip = ends.partition(":")
     for what, name in (("base", base), ("tip", tip)):
         if not isinstance(name, (str, type(None))):

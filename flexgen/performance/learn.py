@@ -83,7 +83,7 @@ class Learned:
         Of Q, and of the correction.
     plant : str
     stopped : str
-        Why it ended before the last iteration; empty: it did not.
+        Reason for early termination, or empty.
     measured_by : str
         ``"tracker"`` or ``"accelerometer"``.
     measured_errors : tuple of float

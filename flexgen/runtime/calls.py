@@ -209,7 +209,7 @@ class Function:
         return given[0] if self._results is None else self._results._make(given)
 
     def _general(self, args: tuple[Any, ...], out: Any) -> Any:
-        """Evaluate where an argument is no array of the library's type for one point."""
+        """Evaluate where an argument is not an array of the library's type for one point."""
         arrays = [numbers(self.name, port, x) for port, x in zip(self.inputs, args, strict=True)]
         count = count_of_points(self.name, self.inputs, arrays, _MOST_POINTS, self._shared)
         if count is None:

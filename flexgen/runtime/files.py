@@ -9,7 +9,7 @@ chosen, and where the umask is 002 every user is alone in one. Whoever may write
 anything.
 
 What is loaded is a private copy of the content that was verified: on Linux in memory, without a name in any folder. So
-nobody can replace the file between the check and the load.
+no process can replace the file between the check and the load.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def _refuse_others(path: Path, found: os.stat_result) -> None:
 
 
 def _elf_problem(content: bytes) -> str | None:
-    """Why a file is no shared library in ELF that can be mapped into this process; None where it seems to be one."""
+    """Why a file is not a shared library in ELF that can be mapped into this process; None where it seems to be one."""
     wide, order = sys.maxsize > 2**32, "<" if sys.byteorder == "little" else ">"
     if content[:4] != _ELF or len(content) < (64 if wide else 52):
         return "no shared library (its ELF header is missing or cut)"

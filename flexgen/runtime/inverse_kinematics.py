@@ -127,7 +127,7 @@ class InverseKinematics:
     def _refuse(self, status: int) -> None:
         exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
         if status == -5:
-            text = "given an R that is no rotation, a q_start beyond 1000, or free coordinates without a motor"
+            text = "R is not a rotation matrix, |q_start| > 1000, or free coordinates without a motor"
         elif status == -8:
             text = f"more than {CONFIGURATIONS_MAX} configurations at this pose, which is singular"
         raise exception(f"{FUNCTION}: {text}")

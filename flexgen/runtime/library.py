@@ -299,7 +299,7 @@ def load(directory: str | os.PathLike[str]) -> Library:
     Raises
     ------
     ArgumentError
-        Where the directory is no path.
+        Where the directory is not a path.
     BuildError
         Where there is no library, not the one that the manifest describes, or one that other users may change.
     """

@@ -185,14 +185,15 @@ class Inverter:
             Samples per interval of the solver's mesh.
         tolerance : float, optional
             Largest residual of the unactuated rows on the mesh, relative to the torques of a deflection of 0.01 rad or
-            0.01 m; at the samples 100 times as much is ``converged``. The default is 1e-6, that of `flexgen.solve`; in
-            single precision it is 1e-3.
+            0.01 m (1e-6: equivalent to a deflection error of 1e-8 rad or m); at the samples 100 times as much is
+            ``converged``. The default is 1e-6, that of `flexgen.solve`; in single precision it is 1e-3.
         hold : str
-            What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
+            Torque of the drive between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` are the values
+            to send.
         delay : float
             From a sample until the motor has its torque, in samples, 0 to 4.
         settled : float
-            Where what is left of the motion after the path moves the output by less than this [m or rad], the results
+            Once the residual motion after the path changes the output by less than this [m or rad], the results
             end, with the equilibrium; 0: they have all ``n_post`` samples. Not of ``bvp``.
         parameters : array (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file.

@@ -124,7 +124,7 @@ class Interval:
 
 
 class Stream:
-    """Inverse dynamics on a moving horizon: every update takes a sample of the path and gives the torques of now.
+    """Inverse dynamics on a moving horizon: every update takes a sample of the path and returns the current torques.
 
     The output reaches the sample ``intervals`` updates later: the path must be known that far ahead. A sample that is
     refused changes nothing. A copy is a second stream with the same past; a pickled stream continues where it was. Two

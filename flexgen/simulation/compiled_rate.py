@@ -105,7 +105,7 @@ class CompiledDop853:
     y : array (n_x,)
         The state at ``t``.
     failure : str
-        Why it stopped; empty: it did not.
+        Reason why it stopped early, or empty.
     """
 
     def __init__(

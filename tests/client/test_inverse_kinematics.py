@@ -148,7 +148,7 @@ def test_wrong_arguments_are_refused():
     lib = library("manutec_r3")
     p, R = pose(lib, JOINTS)
     for words, given, named in (
-        ("no rotation", (p, 1.01 * R), {}),
+        ("not a rotation", (p, 1.01 * R), {}),
         ("p: ", (p[:2], R), {}),
         ("starts: given 0", (p, R), {"starts": 0}),
         ("most: given True", (p, R), {"most": True}),

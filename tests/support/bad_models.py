@@ -116,7 +116,7 @@ CASES = {
     "unknown key": ([("gravity =", "colour = 3 #!\ngravity =")], "colour", ["unknown key"]),
     "misspelt key": ([('description = "for tests"', 'sourse = "x" #!')], "sourse", ["unknown", "source"]),
     "no name": ([('name = "robot"', "#!")], "name", ["given nothing", "string"]),
-    "name is no identifier": ([('"robot"', '"my robot" #!')], "name", ['"my robot"', "letter"]),
+    "name is not an identifier": ([('"robot"', '"my robot" #!')], "name", ['"my robot"', "letter"]),
     "name is a keyword": ([('"robot"', '"while" #!')], "name", ["while", "reserved"]),
     "name is a number": ([('"robot"', "3 #!")], "name", ["given 3", "a string"]),
     "gravity of two": ([("[0.0, 0.0, -9.81]", "[0.0, -9.81] #!")], "gravity", ["[0.0, -9.81]", "3 numbers"]),
@@ -172,7 +172,7 @@ CASES = {
     ),
     "gravity is absurd": ([("-9.81]", "-1e13] #!")], "gravity", ["numbers of magnitude"]),
     "gravity is tiny": ([("-9.81]", "-1e-300] #!")], "gravity", ["numbers of magnitude"]),
-    "tiny ratio beside another": ([("[50.0, 0.5]", "[50.0, 1e-300] #!")], "motor.m2.ratio", ["magnitude", "write 0"]),
+    "tiny ratio next to another": ([("[50.0, 0.5]", "[50.0, 1e-300] #!")], "motor.m2.ratio", ["magnitude", "write 0"]),
     "control character": (
         [('"for tests"', '"red \\u001b[31m" #!')],
         "description",
@@ -234,9 +234,9 @@ CASES = {
     "both gear and spring": (
         [('gear = { type = "rigid" }', 'gear = { type = "rigid" }\nspring = { type = "linear", stiffness = 1.0 } #!')],
         "element.second.dof.q2.spring",
-        ["beside a gear"],
+        ["both a spring and a gear"],
     ),
-    "damping beside a gear": (
+    "damping in addition to a gear": (
         [('gear = { type = "rigid" }', 'gear = { type = "rigid" }\ndamping = 1.0 #!')],
         "element.second.dof.q2.damping",
         ["inside the gear"],
@@ -265,7 +265,7 @@ CASES = {
     "gear without stiffness": ([("low = 1.0", "low = 0.0")], "element.first.dof.q1.gear.spring.low", ["> 0"]),
     "friction key": ([("viscous = 1.0", "viskous = 1.0")], "element.first.dof.q1.friction.viskous", ["viscous"]),
     "negative friction": ([("viscous = 1.0", "viscous = -1.0")], "element.first.dof.q1.friction.viscous", [">= 0"]),
-    "Coulomb without beta": ([(", beta = 10.0", "")], "motor.m1.friction.beta", ["nothing", "beside coulomb"]),
+    "Coulomb without beta": ([(", beta = 10.0", "")], "motor.m1.friction.beta", ["nothing", "together with coulomb"]),
     "Stribeck without alpha": ([("coulomb = 0.3", "stribeck = 0.3")], "motor.m1.friction.alpha", ["stribeck"]),
     # beam
     "beam length": ([("length = 0.5", "length = 0.0 #!")], "element.second.beam.length", ["> 0"]),
@@ -377,7 +377,7 @@ CASES = {
     ),
     "variant key": ([("remove =", "delete =")], "variant.stiff.delete", ["unknown", "remove"]),
     "variant name": ([("[variant.stiff]", '[variant."very stiff"]')], 'variant."very stiff"', ["letter"]),
-    "variant is no table": (
+    "variant is not a table": (
         [("[base]", "variant = 3 #!\n[base]"), ("[variant.stiff]", "[stiff]")],
         "variant",
         ["a table"],

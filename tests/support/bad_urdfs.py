@@ -414,7 +414,7 @@ BAD_URDF = {
         "joint.loose",
         ["outside the chain", 'drop = ["loose"]', "lock = { loose = 0.0 }"],
     ),
-    "floating beside the chain": (
+    "floating outside of the chain": (
         [
             (
                 '<link name="tip"/>',
@@ -466,7 +466,11 @@ BAD_OVERLAY = {
     "unknown drop": ([(FINGER, 'drop = ["finer"] #!\n')], "urdf.drop", ['"finger" (there are:']),
     "drop of the chain": ([(FINGER, FINGER + 'drop = ["slide"] #!\n')], "urdf.drop", ["outside the chain"]),
     "limits is a number": ([(FINGER, FINGER + "limits = 0 #!\n")], "urdf.limits", ["true or false"]),
-    "element beside urdf": ([("[joint.turn]", '[[element]]\nname = "x"\n[joint.turn]')], "element", ["either [urdf]"]),
+    "element in addition to urdf": (
+        [("[joint.turn]", '[[element]]\nname = "x"\n[joint.turn]')],
+        "element",
+        ["either [urdf]"],
+    ),
     "unknown joint": ([("[joint.turn]", "[joint.trn] #!")], "joint.trn", ["unknown joint", '"turn" (there are:']),
     "joint that is fixed": ([("[joint.turn]", "[joint.end] #!")], "joint.end", ["does not move"]),
     "joint that is locked": ([("[joint.turn]", "[joint.finger] #!")], "joint.finger", ["a moving joint of the chain"]),
@@ -497,7 +501,7 @@ BAD_OVERLAY = {
     "new name that is taken": ([('"arm2"', '"column" #!')], "name", ["not taken"]),
     "new name of a joint that is taken": ([('rename = "q2"', 'rename = "turn" #!')], "name", ["not taken"]),
     "body of nothing": ([('rename = "arm2"', "body = { mass = -1.0 } #!")], "link.boom.body.mass", [">= 0"]),
-    "motor beside a spring": (
+    "motor in addition to a spring": (
         [
             ("[joint.turn]\n", '[joint.turn]\nspring = { type = "linear", stiffness = 1.0 }\n'),
             ("ratio = 50.0, inertia = 1e-3 }", "ratio = 50.0, inertia = 1e-3 } #!"),
@@ -505,7 +509,7 @@ BAD_OVERLAY = {
         "joint.turn.motor",
         ["either a motor or a spring"],
     ),
-    "spring beside a gear": (
+    "spring in addition to a gear": (
         [
             (
                 "[joint.turn]\nmotor = { ratio = 50.0, inertia = 1e-3 }",
@@ -518,7 +522,7 @@ BAD_OVERLAY = {
     "elastic gear without a motor": (
         [("motor = { ratio = -80.0, inertia = 1e-3, friction = { viscous = 1e-3 } }\n", "")],
         "joint.lift.motor",
-        ["beside an elastic gear"],
+        ["together with an elastic gear"],
     ),
     "elastic gear without a rotor": (
         [("ratio = -80.0, inertia = 1e-3", "ratio = -80.0"), ("viscous = 1e-3 } }", "viscous = 1e-3 } } #!")],

@@ -109,7 +109,7 @@ class _Chain:
         self.family, self.file = family, folder / family.file
         urdf = Urdf(self.file, family.file)
         self.joints = _joints(urdf, family)
-        self.locked = _beside(urdf, family, self.joints)
+        self.locked = _side_joints(urdf, family, self.joints)
         self.limits = [_limit(urdf, joint) for joint in self.joints]
         rigid = out / f"{name}_rigid.toml"
         rigid.write_text(self.head(f"{name}_rigid") + "\n", encoding="utf-8")
@@ -195,7 +195,7 @@ def _limit(urdf: Urdf, joint: Joint) -> Limit | None:
         return None
 
 
-def _beside(urdf: Urdf, family: Family, joints: list[Joint]) -> list[str]:
+def _side_joints(urdf: Urdf, family: Family, joints: list[Joint]) -> list[str]:
     """Names of the moving joints that hang on the chain without being part of it: they are locked."""
     chain, out, todo = {joint.name for joint in joints}, [], [joints[0].child]
     while todo:

@@ -50,11 +50,11 @@ def test_a_new_law_reaches_the_equations_and_the_parameters(law):
     ("keys", "text"),
     [
         ({"type": "quadratic", "quadratic": -1.0, "viscous": 1.0}, "a number >= 0"),
-        ({"type": "quadratic", "quadratic": 1.0}, "a number > 0 beside quadratic"),
+        ({"type": "quadratic", "quadratic": 1.0}, "a number > 0 together with quadratic"),
         ({"type": "smooth", "quadratic": 1.0}, "quadratic"),
         ({"type": "cubic"}, "smooth"),
-        ({"coulomb": 1.0}, "a number > 0 beside coulomb or stribeck"),
-        ({"stribeck": 1.0, "beta": 1.0}, "a number > 0 beside stribeck"),
+        ({"coulomb": 1.0}, "a number > 0 together with coulomb or stribeck"),
+        ({"stribeck": 1.0, "beta": 1.0}, "a number > 0 together with stribeck"),
     ],
 )
 def test_wrong_numbers_of_a_law_are_refused(law, keys, text):

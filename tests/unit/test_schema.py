@@ -62,7 +62,7 @@ def compare(entry: Entry, schema: dict, root: dict, known: dict[int, tuple], see
     assert fitting, (kind, schema)
     if id(entry.value) in known and any("properties" in t for t in tables):  # else its keys are names
         last, here, _ = known[id(entry.value)]
-        # the reader refuses some combinations after it has accepted the key: a spring beside a gear
+        # the reader refuses some combinations after it has accepted the key: both a spring and a gear
         unions = [set().union(*(t["properties"] for t in group)) for group in (fitting, tables)]
         assert set(last) in unions, f"{here}: the reader knows {sorted(last)}, the schema {sorted(unions[0])}"
         seen.update(id(t) for t in fitting)

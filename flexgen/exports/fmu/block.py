@@ -1,4 +1,4 @@
-"""A block: what goes into an FMU beside the fixed C files."""
+"""A block: the content of an FMU in addition to the fixed C files."""
 
 from __future__ import annotations
 

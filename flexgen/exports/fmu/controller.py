@@ -37,7 +37,7 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
         [s].
     """
     held = hold_joints(derive(model), np.array(model.home))
-    if callable(getattr(given, "cascade", None)):  # a PPI, of a room beside this one
+    if callable(getattr(given, "cascade", None)):  # a PPI, of another room
         rest_a, rest_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
         motion = (held.q_a[None], rest_a, rest_a, held.q_m[None], rest_m, rest_m, held.tau_m[None])
         given = given.cascade(model, 2.0 * sample_time, motion)

@@ -1,7 +1,7 @@
 function build_@NAME@ (varargin)
 %BUILD_@NAMECAPITAL@  Compile the library @NAME@ for MATLAB or GNU Octave.
 %
-%   build_@NAME@            writes @NAME@_mex beside this file
+%   build_@NAME@            writes @NAME@_mex next to this file
 %   build_@NAME@ (FLAG...)  with more flags for the compiler, such as '-O0'
 %
 %   Then add this folder to the path: addpath (FOLDER). Products and sums are not

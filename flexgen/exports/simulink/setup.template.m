@@ -1,7 +1,7 @@
 function setup_@NAME@ (model)
 %SETUP_@NAMECAPITAL@  Blocks of @NAME@ for Simulink.
 %
-%   setup_@NAME@            compiles the S-functions beside this file
+%   setup_@NAME@            compiles the S-functions next to this file
 %   setup_@NAME@ (MODEL)    also adds the functions of @NAME@_ccaller.h to the custom code of an open
 %                       model, for blocks of type C Caller
 %

@@ -26,7 +26,7 @@ STEPS, SMALLEST_GAIN = 500, 1e-5  # of the algorithm; relative decrease of the t
 
 
 def with_optimal_spectrum(plan: Plan, vector: ParameterVector) -> Plan:
-    """The plan with half of its power where it tells most, for its poses; each motor keeps its rms speed."""
+    """The plan with half of its power at the most informative frequencies of its poses; each motor keeps its rms."""
     F = sum(information_by_line(vector, plan, pose) for pose in plan.poses)
     power = plan.amplitudes[:, 0] ** 2
     each = np.asarray(F) / power[:, None, None] * power.sum()  # as if all of the power were in this line

@@ -103,7 +103,7 @@ static void core_reset(core *c)
     forget(c);
 }
 
-/* The number that a value reference stands for; a null pointer where there is none. Rates and outputs: see refresh. */
+/* The number of a value reference; a null pointer where there is none. Rates and outputs: see refresh. */
 static double *place(core *c, unsigned reference)
 {
     const int kind = (int)(reference / 1000u), i = (int)(reference % 1000u);
@@ -221,12 +221,13 @@ static core_status core_derivative(core *c, const unsigned *unknown, size_t n_un
         const int kind = (int)(unknown[i] / 1000u), row = (int)(unknown[i] % 1000u);
         double sum = 0.0;
         if ((kind != KIND_RATE || row >= N_X) && (kind != KIND_OUTPUT || row >= N_Y)) {
-            return fail(c, FAILURE, "directional derivatives: an unknown is no output and no derivative of a state");
+            return fail(
+                c, FAILURE, "directional derivatives: an unknown is neither an output nor a derivative of a state");
         }
         for (size_t j = 0; j < n_known; ++j) {
             const int from = (int)(known[j] / 1000u), column = (int)(known[j] % 1000u);
             if ((from != KIND_STATE || column >= N_X) && (from != KIND_INPUT || column >= N_U)) {
-                return fail(c, FAILURE, "directional derivatives: a known is no input and no state");
+                return fail(c, FAILURE, "directional derivatives: a known is neither an input nor a state");
             }
             if (kind == KIND_RATE) {
                 sum += (from == KIND_STATE ? c->A : c->B)[column * N_X + row] * seed[j];

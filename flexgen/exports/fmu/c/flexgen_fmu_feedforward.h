@@ -68,7 +68,7 @@ static const char *block_parameters(core *c)
     return status < 0 ? MODEL(status_text)(status) : NULL;
 }
 
-/* Statuses with which the stream refuses a sample and goes on; after other errors it has to be started again. */
+/* Statuses with which the stream refuses a sample and continues; after other errors it has to be started again. */
 static int is_refused(MODEL(status) status)
 {
     return status == REFUSED_NOT_FINITE || status == REFUSED_ARGUMENT || status == REFUSED_UNREACHABLE;

@@ -1,6 +1,6 @@
 /*
  * The interface of FMI 2.0, Model Exchange and Co-Simulation. Memory is taken in fmi2Instantiate and for saved states
- * only; instances share nothing, so that each may run in a thread of its own.
+ * only; instances share nothing, so that each may run in a separate thread.
  */
 #include "flexgen_fmu_config.h"
 #include "fmi2Functions.h"

@@ -1,6 +1,6 @@
 /*
  * The interface of FMI 3.0, Model Exchange and Co-Simulation. Memory is taken where an instance is made and for saved
- * states only; instances share nothing, so that each may run in a thread of its own.
+ * states only; instances share nothing, so that each may run in a separate thread.
  */
 #include "flexgen_fmu_config.h"
 #include "fmi3Functions.h"
