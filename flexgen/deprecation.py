@@ -4,12 +4,34 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar, cast
+
+Call = TypeVar("Call", bound=Callable[..., Any])
 
 
 def warn_of_old(text: str) -> None:
     """Warn in the line of the caller of flexgen, which is the first one outside of it."""
-    level = 1
+    level = 2
     frame = sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "flexgen":
         frame, level = frame.f_back, level + 1
     warnings.warn(text, DeprecationWarning, stacklevel=level)
+
+
+def renamed(**names: str) -> Callable[[Call], Call]:
+    """A function whose parameters had other names, ``old="new"``, which work with a `DeprecationWarning`."""
+
+    def decorated(function: Call) -> Call:
+        @wraps(function)
+        def call(*arguments: Any, **keywords: Any) -> Any:
+            for old, new in names.items():
+                if old in keywords and new not in keywords:
+                    warn_of_old(f"{function.__name__}: given {old}=, expected its new name, {new}=")
+                    keywords[new] = keywords.pop(old)
+            return function(*arguments, **keywords)
+
+        return cast(Call, call)
+
+    return decorated

@@ -95,9 +95,9 @@ def _option(header: str, name: str, word: str) -> str | None:
     return found[1].rstrip("f") if found else None
 
 
-def resolved(model_or_equations: ModelLike) -> Equations:
+def resolved(model: ModelLike) -> Equations:
     """Equations without run-time parameters; ArgumentError for something else."""
-    given = model_or_equations
+    given = model
     if isinstance(given, Equations):
         if given.parameters:
             names = ", ".join(parameter.name for parameter in given.parameters)
@@ -113,12 +113,12 @@ def resolved(model_or_equations: ModelLike) -> Equations:
     return derive(given if isinstance(given, RobotModel) else read(given))
 
 
-def emitted(model_or_equations: ModelLike, *, precision: PrecisionName = "double", streams: bool = False) -> Emitted:
+def emitted(model: ModelLike, *, precision: PrecisionName = "double", streams: bool = False) -> Emitted:
     """The library of a model, in two files.
 
     Parameters
     ----------
-    model_or_equations : str, Path, RobotModel or Equations
+    model : str, Path, RobotModel or Equations
     precision : str
         ``"double"`` or ``"single"``.
     streams : bool
@@ -131,7 +131,7 @@ def emitted(model_or_equations: ModelLike, *, precision: PrecisionName = "double
     BuildError, ArgumentError
         A name or an argument cannot be used, or the model has no streams.
     """
-    equations = resolved(model_or_equations)
+    equations = resolved(model)
     if streams:
         refuse_without_streams(equations.model)
     key = (model_digest(equations.model), precision)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from flexgen.arguments import is_whole
 from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_class
 
@@ -24,7 +26,7 @@ MOST = 10_000  # motors, and non-actuated coordinates
 class Limits:
     """Bounds on motor torque, motor speed and deflection; None: no bounds of that kind.
 
-    `limits_for` makes them from one number for all motors, `limits_from_model` reads them from the model file.
+    `from_model` reads them from the model file, or makes them from one number for all motors.
 
     Attributes
     ----------
@@ -49,6 +51,62 @@ class Limits:
                     f"limits: given {name} {shown(values)}, expected a sequence of numbers, one for each {each}"
                 )
 
+    @classmethod
+    def from_model(
+        cls,
+        model: str | Path | RobotModel | Equations,
+        *,
+        torque: float | Sequence[float] | None = None,
+        speed: float | Sequence[float] | None = None,
+        deflection: float | Sequence[float] | None = None,
+    ) -> Limits:
+        """The limits of torque and speed in the model file; with bounds given here, these alone.
+
+        Parameters
+        ----------
+        model : name, path, RobotModel or Equations
+        torque, speed : float or sequence of float, optional [N m], [rad/s]
+            Motor side; one number for all motors, or one for each.
+        deflection : float or sequence of float, optional [rad or m]
+            One number for all non-actuated coordinates, or one for each.
+
+        Returns
+        -------
+        Limits
+
+        Raises
+        ------
+        ArgumentError
+            The model file states none; a bound is not positive, or their number does not fit the model.
+
+        Examples
+        --------
+        >>> flexgen.Limits.from_model("elbow", torque=20.0)
+        Limits(torque=(20.0, 20.0))
+        """
+        robot = robot_of(model)
+        sizes = {"torque": robot.n_m, "speed": robot.n_m, "deflection": robot.n_e}
+        given = {"torque": torque, "speed": speed, "deflection": deflection}
+        if all(values is None for values in given.values()):
+            return cls._of_file(robot)
+        out = {}
+        for name, values in given.items():
+            if values is not None:
+                each: Any = (values,) * sizes[name] if isinstance(values, Real) else values
+                out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))
+        return cls(**out)
+
+    @classmethod
+    def _of_file(cls, robot: RobotModel) -> Limits:
+        torque = tuple(np.inf if m.torque_max is None else m.torque_max for m in robot.motors)
+        speed = tuple(np.inf if m.speed_max is None else m.speed_max for m in robot.motors)
+        if np.isinf([*torque, *speed]).all():
+            raise ArgumentError(
+                f"limits: model {robot.name} states none, expected torque_max or speed_max of a motor; add them to the "
+                "model file"
+            )
+        return cls(torque, speed)
+
     def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
         """Torque and speed bounds (n_m,), infinite where there is none; ArgumentError where the sizes differ."""
         return _bounds("torque", self.torque, n_m), _bounds("speed", self.speed, n_m)
@@ -56,48 +114,6 @@ class Limits:
     def deflections(self, n_e: int) -> np.ndarray:
         """Bounds of the non-actuated coordinates (n_e,), infinite where there is none."""
         return _bounds("deflection", self.deflection, n_e)
-
-
-def limits_for(
-    model: RobotModel,
-    *,
-    torque: float | Sequence[float] | None = None,
-    speed: float | Sequence[float] | None = None,
-    deflection: float | Sequence[float] | None = None,
-) -> Limits:
-    """The `Limits` of a model from one number for all motors (or non-actuated coordinates), or from one for each.
-
-    Parameters
-    ----------
-    model : RobotModel
-    torque, speed : float or sequence of float [N m], [rad/s]
-        Motor side.
-    deflection : float or sequence of float [rad or m]
-
-    Raises
-    ------
-    ArgumentError
-        A bound is not positive, or their number does not fit the model.
-    """
-    sizes = {"torque": model.n_m, "speed": model.n_m, "deflection": model.n_e}
-    out = {}
-    for name, values in (("torque", torque), ("speed", speed), ("deflection", deflection)):
-        if values is not None:
-            each = (values,) * sizes[name] if isinstance(values, Real) else values
-            out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))  # type: ignore[arg-type]
-    return Limits(**out)
-
-
-def limits_from_model(model: RobotModel) -> Limits:
-    """The limits stated in the model file; ArgumentError where it states none."""
-    torque = tuple(np.inf if m.torque_max is None else m.torque_max for m in model.motors)
-    speed = tuple(np.inf if m.speed_max is None else m.speed_max for m in model.motors)
-    if np.isinf([*torque, *speed]).all():
-        raise ArgumentError(
-            f"limits: model {model.name} states none, expected torque_max or speed_max of a motor; add them to the "
-            "model file"
-        )
-    return Limits(torque, speed)
 
 
 def _are_numbers(values: Any) -> bool:

@@ -97,8 +97,9 @@ class LoopShaping(LinearDesign):
 
         The design knows the hold and the delay by an approximation, the tested loop exactly.
         """
-        robot, motion = self.model or model, [x[:1] for x in motion]
+        robot = self.model or model
         check_design(robot, sample_s, delay_s, motion)
+        motion = [x[:1] for x in motion]
         pose = PoseModels(robot).at(motion)
         pose = replace(pose, C=pose.C[: robot.n_m])  # motor angles
 

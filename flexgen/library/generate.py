@@ -24,6 +24,7 @@ from flexgen.codegen.clib_types import signature_of
 from flexgen.codegen.digest import model_digest
 from flexgen.codegen.interface import ABI_VERSION, LIMITS, PARTS, STATUSES
 from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, chosen_functions, library_name, library_spec
+from flexgen.deprecation import renamed
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.library.compiler import ISAS, Compiler, IsaName, build_libraries, find_compiler
@@ -85,10 +86,11 @@ class Generated:
     __repr__ = short_repr
 
 
-@checked_types(own=("model_or_equations", "directory", "parameters", "parts"))
+@renamed(model_or_equations="model")
+@checked_types(own=("model", "directory", "parameters", "parts"))
 @reported("generate")
 def generate(
-    model_or_equations: str | Path | RobotModel | Equations,
+    model: str | Path | RobotModel | Equations,
     directory: str | os.PathLike[str] | None = None,
     *,
     build: bool = True,
@@ -108,7 +110,7 @@ def generate(
 
     Parameters
     ----------
-    model_or_equations : str, Path, RobotModel or Equations
+    model : str, Path, RobotModel or Equations
         A name in models/, a path (either with ``@variant``), a model, or equations that were derived before.
     directory : str or Path, optional
         Where to write; ``generated/<name>`` (``<name>_<variant>``) below the current directory where not given.
@@ -156,15 +158,15 @@ def generate(
     """
     start = time.perf_counter()
     log = progress if callable(progress) else (lambda line: None)
-    model, equations = _resolve(model_or_equations)
-    names = chosen_functions(functions, model)
+    robot, equations = _resolve(model)
+    names = chosen_functions(functions, robot)
     _check_choices(precision, parameters, isa, equations)
     parts = tuple(dict.fromkeys(_names("parts", parts)))
-    check_parts(parts, model, names, precision)
-    target = Path("generated", library_name(model)) if directory is None else _folder(directory)
+    check_parts(parts, robot, names, precision)
+    target = Path("generated", library_name(robot)) if directory is None else _folder(directory)
     options = {"native": bool(native), "openmp": bool(openmp), "isa": isa}
     request = _Request(
-        model, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force, parts
+        robot, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force, parts
     )
     return _generate_folder(request, target, build, log, start)
 
@@ -333,9 +335,7 @@ def _resolve(given: Any) -> tuple[RobotModel, Any]:
         return read(given if isinstance(given, str) else Path(given)), None
     if isinstance(getattr(given, "model", None), RobotModel) and callable(getattr(given, "function", None)):
         return given.model, given
-    raise ArgumentError(
-        f"model_or_equations: given {type(given).__name__}, expected a model's name or path, a RobotModel or Equations"
-    )
+    raise ArgumentError(f"model: given {type(given).__name__}, expected a name or path, a RobotModel or Equations")
 
 
 def _folder(given: Any) -> Path:

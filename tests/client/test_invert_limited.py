@@ -18,7 +18,7 @@ import flexgen
 from flexgen.codegen import clib_files
 from flexgen.codegen.path_header import path_header
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import limits_for
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.signatures import INVERSION
@@ -253,5 +253,7 @@ def test_sanitizers_find_nothing(tmp_path) -> None:
 
 def test_the_solver_in_python_uses_it() -> None:
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, method="lq", limits=limits_for(equations.model, torque=22.0), verify=False)
+    solution = flexgen.solve(
+        equations, method="lq", limits=Limits.from_model(equations.model, torque=22.0), verify=False
+    )
     assert solution.details["programs"] >= 1

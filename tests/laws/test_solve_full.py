@@ -8,7 +8,7 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits, limits_from_model
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.status import Status
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
@@ -64,9 +64,9 @@ def test_limits_that_do_not_bind_change_nothing() -> None:
 
 
 def test_limits_of_the_model_file() -> None:
-    assert limits_from_model(read("four_mass")).torque == (20.0,)
+    assert Limits.from_model(read("four_mass")).torque == (20.0,)
     with pytest.raises(ArgumentError, match="states none"):
-        limits_from_model(read("planar5_mp"))
+        Limits.from_model(read("planar5_mp"))
     with pytest.raises(ArgumentError, match="expected 2 positive numbers"):
         flexgen.solve("planar5_mp", method="full", limits=Limits(torque=(1.0, -2.0)))
 

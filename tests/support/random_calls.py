@@ -139,7 +139,7 @@ def pick(rng: np.random.Generator) -> Any:
 
 def plausible(rng: np.random.Generator, annotation: str, name: str, objects: dict[type, Any]) -> Any:
     """A value of the type of a parameter, not always one that makes sense."""
-    if name in ("model", "model_or_equations", "name") and "str" in annotation:
+    if name in ("model", "name") and "str" in annotation:
         return "elbow"
     for kind, thing in objects.items():
         if kind.__name__ in annotation:

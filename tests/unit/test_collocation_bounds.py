@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits, limits_for
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.methods import full_model
 from flexgen.inversion.methods.full_model import bernstein_rows, collocate_full
 from flexgen.inversion.problem import InversionProblem
@@ -29,7 +29,9 @@ PLAN = 1e-7  # m: what the simulation of the polynomials differs from the plan b
 def test_torque_and_speed_together_are_planned_exactly() -> None:
     """Both bounds act here; read through samples by anything but the polynomials, the torque misses by 0.1 mm."""
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, method="full", limits=limits_for(equations.model, torque=20.0, speed=100.0))
+    solution = flexgen.solve(
+        equations, method="full", limits=Limits.from_model(equations.model, torque=20.0, speed=100.0)
+    )
     assert solution.status == Status.LIMITS_ACTIVE
     assert solution.plan_error_max is not None and solution.plan_error_max < PLAN
     trajectory = solution.trajectory
@@ -65,7 +67,7 @@ def test_deflections_are_bounded() -> None:
 @pytest.mark.slow
 def test_collocation_keeps_bounds_too() -> None:
     equations = flexgen.derive("planar5_nmp")
-    limits = limits_for(equations.model, torque=22.0)
+    limits = Limits.from_model(equations.model, torque=22.0)
     one, other = (flexgen.solve(equations, method=m, limits=limits, verify=False) for m in ("collocation", "full"))
     assert one.status == other.status == Status.LIMITS_ACTIVE
     assert np.array_equal(one.trajectory["tau_m"], other.trajectory["tau_m"])
@@ -75,7 +77,7 @@ def test_collocation_keeps_bounds_too() -> None:
 def test_bounds_that_do_not_act_change_nothing() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(
-        equations, method="full", limits=limits_for(equations.model, torque=30.0, speed=400.0, deflection=1e-2)
+        equations, method="full", limits=Limits.from_model(equations.model, torque=30.0, speed=400.0, deflection=1e-2)
     )
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 2e-6
 
@@ -85,7 +87,7 @@ def test_bounds_behind_rigid_gears() -> None:
     equations = flexgen.derive("elbow@rigid")
     free = flexgen.solve(equations, verify=False).trajectory
     speed = 0.9 * float(np.abs(free["v_m"]).max())
-    solution = flexgen.solve(equations, method="full", limits=limits_for(equations.model, speed=speed))
+    solution = flexgen.solve(equations, method="full", limits=Limits.from_model(equations.model, speed=speed))
     assert solution.status == Status.LIMITS_ACTIVE
     assert np.abs(solution.trajectory["v_m"]).max() < speed * (1 + 1e-5)
 
@@ -117,7 +119,7 @@ def test_bounds_at_the_gauss_points_alone_are_passed(monkeypatch: pytest.MonkeyP
         return np.hstack([table.A, table.AA, table.c[:, None]])
 
     equations = flexgen.derive("planar5_nmp")
-    limits = limits_for(equations.model, torque=20.0, speed=100.0)
+    limits = Limits.from_model(equations.model, torque=20.0, speed=100.0)
     problem = InversionProblem(equations, Path(equations, equations.model.move(None)), limits=limits)
 
     def fastest() -> float:
@@ -131,11 +133,11 @@ def test_bounds_at_the_gauss_points_alone_are_passed(monkeypatch: pytest.MonkeyP
 
 def test_limits_of_a_model() -> None:
     model = read("planar5_nmp")
-    assert limits_for(model, torque=20.0, speed=[100.0, 200.0]) == Limits((20.0, 20.0), (100.0, 200.0))
-    assert limits_for(model, deflection=1e-3).deflection == (1e-3,)
+    assert Limits.from_model(model, torque=20.0, speed=[100.0, 200.0]) == Limits((20.0, 20.0), (100.0, 200.0))
+    assert Limits.from_model(model, deflection=1e-3).deflection == (1e-3,)
     for wrong in ({"torque": [1.0]}, {"speed": -1.0}, {"deflection": float("nan")}, {"torque": "much"}):
-        with pytest.raises(ArgumentError, match=r"expected \d positive numbers"):
-            limits_for(model, **wrong)  # type: ignore[arg-type]
+        with pytest.raises(ArgumentError, match=r"expected (\d positive numbers|a finite number)"):
+            Limits.from_model(model, **wrong)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

@@ -400,7 +400,7 @@ def test_equations_and_models_are_accepted(tmp_path, monkeypatch):
     assert first.directory == Path("generated/elbow") and not first.cached
     assert generate(equations.model, functions=["gravity"]).cached  # the same text: nothing to compile
     assert not generate(equations.model, functions=["gravity"], force=True).cached
-    with pytest.raises(ArgumentError, match="given int, expected a model's name"):
+    with pytest.raises(ArgumentError, match="given int, expected a name"):
         generate(5)
     for wrong in (5, b"folder", "a\0b", ["x"]):
         with pytest.raises(ArgumentError, match=r"directory: given .*, expected the path of a folder"):

@@ -10,7 +10,7 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import SolverError
-from flexgen.inversion.bounds import limits_for
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.numerics.evaluate import evaluate
@@ -22,7 +22,7 @@ DIFFERENCE = 1e-6  # a central difference of a step of 1e-3 s of a motion of 1 H
 
 def bounded(method: str, **limits: float | tuple[float, ...]) -> Solution:
     equations = flexgen.derive("planar5_nmp")
-    return flexgen.solve(equations, method=method, limits=limits_for(equations.model, **limits), verify=False)
+    return flexgen.solve(equations, method=method, limits=Limits.from_model(equations.model, **limits), verify=False)
 
 
 def deviation(solution: Solution) -> float:
@@ -53,7 +53,7 @@ def test_speed_limits_are_kept() -> None:
 @needs_compiler
 def test_the_modified_path_is_verified() -> None:
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, method="lq", limits=limits_for(equations.model, torque=22.0))
+    solution = flexgen.solve(equations, method="lq", limits=Limits.from_model(equations.model, torque=22.0))
     assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
     assert solution.plan_error_max is not None and solution.plan_error_max < 1e-6
     assert solution.tool_error_max_m == pytest.approx(solution.details["deviation_max_m"], rel=1e-2)

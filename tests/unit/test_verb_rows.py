@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import re
+from pathlib import Path
 
 import pytest
 
@@ -122,6 +124,13 @@ def test_a_former_option_is_accepted_with_a_note(verb, option, old):
 def test_the_former_name_of_a_verb_is_accepted_with_a_note():
     args = parse(["path", "elbow", "--move", "line"])
     assert args.verb == "plan" and args.notes == ["path is the old name of plan, please use the new one"]
+
+
+def test_the_page_of_the_command_line_names_each_verb_once():
+    page = Path(__file__).resolve().parents[2] / "docs" / "command_line.md"
+    table = page.read_text(encoding="utf-8").partition("| verb |")[2].partition("\n\n")[0]
+    named = [name for line in table.splitlines()[2:] for name in re.findall(r"`(\w+)[^`]*`", line.split("|")[1])]
+    assert sorted(named) == sorted({name.partition(" ")[0] for name in VERBS})
 
 
 def test_choices_contain_the_default():

@@ -192,7 +192,7 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
     """Find the fastest time law of a move within the limits, by exact inverse dynamics; solve and verify it."""
     check_report(args.report)
     check_writable(args.out)
-    from flexgen.inversion.bounds import limits_for
+    from flexgen.inversion.bounds import Limits
     from flexgen.performance.minimum_time import fastest as search
 
     model = read_model(args)
@@ -200,7 +200,7 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
     numbers = {key: list(x) if len(x) > 1 else x[0] for key, x in own.items() if x is not None}
     found = search(
         model,
-        limits=limits_for(model, **numbers) if numbers else None,
+        limits=Limits.from_model(model, **numbers) if numbers else None,
         **keywords(args),
         progress=throttled(log),
     )

@@ -40,9 +40,9 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
     equations = derived(args, log)
     limits = None
     if args.limits:
-        from flexgen.inversion.bounds import limits_from_model
+        from flexgen.inversion.bounds import Limits
 
-        limits = limits_from_model(equations.model)
+        limits = Limits.from_model(equations.model)
     moves = [chosen_move(args.moves, name, equations.model) for name in args.move or [None]]
     _announce(args, equations.model, log)
     if not several:
