@@ -234,7 +234,7 @@ def readme_problems(room: Path) -> list[str]:
 
 def test_every_wing_has_a_readme_of_at_most_40_lines_that_names_its_files(tmp_path):
     wings = re.findall(r"^\| 11 \| `(\w+)/`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert len(wings) == 10 and {page.parent.name for page in ROOMS} == set(wings)
+    assert len(wings) >= 10 and {page.parent.name for page in ROOMS} == set(wings)
     assert {page.parent.name: problems for page in ROOMS if (problems := readme_problems(page.parent))} == {}
     (tmp_path / "new.py").touch()
     (tmp_path / "README.md").write_text("# Planted\n\n`old.py`\n")
