@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 from key_page import PAGE, TABLES, page
 
-from flexgen.model.format_robot import BODY
+from flexgen.model.format_robot import BODY, SPRING
 from flexgen.spec.keys import Form, Key, Kinds
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,8 +89,21 @@ def test_each_key_is_stated_once(sources: dict[str, str]) -> None:
     ],
 )
 def test_planted_second_statement_is_found(sources: dict[str, str], text: str, expected: str) -> None:
-    assert stated_twice(TABLES, sources | {"flexgen/model/planted.py": text}) == [expected]
+    few = {path: sources[path] for path in ("flexgen/model/format_robot.py", "flexgen/model/overlay.py")}
+    assert stated_twice(TABLES, few | {"flexgen/model/planted.py": text}) == [expected]
 
 
 def test_page_of_keys_is_that_of_the_rows() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "run: make golden"
+
+
+def springs_of(text: str) -> dict[str, tuple[str, ...]]:
+    """Keys of each type of spring in the table of the page on model files."""
+    rows = re.findall(r"^\| `(\w+)` \| ([a-z_, ]+) \| ", text, re.MULTILINE)
+    return {kind: tuple(keys.split(", ")) for kind, keys in rows}
+
+
+def test_table_of_springs_in_the_readme_is_that_of_the_rows() -> None:
+    text = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
+    assert springs_of(text) == {kind: form.names for kind, form in SPRING.kinds.items()}
+    assert springs_of(text.replace("stiffness, gap, smoothing", "stiffness, gap")) != springs_of(text)
