@@ -12,10 +12,10 @@ import numpy as np
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
 from flexgen.runtime.path_inversion import array_of, pointer
+from flexgen.runtime.structs import interface_of
 
 CONFIGURATIONS_MAX, STARTS = 16, 1536
 FUNCTION = "inverse_kinematics"
-UNREACHABLE = -7
 
 
 class InverseKinematics:
@@ -29,10 +29,11 @@ class InverseKinematics:
         entry: Callable[..., int],
         work: int,
         failures: Mapping[int, tuple[type[FlexgenError], str]],
+        unreachable: int,
         again: tuple[Callable[..., Any], tuple[Any, ...]],
     ) -> None:
         self._name, self._n_a, self._n_g, self._entry, self._work = name, n_a, n_g, entry, work
-        self._failures, self._again = failures, again
+        self._failures, self._unreachable, self._again = failures, unreachable, again
         self._closed = Event()
 
     def __repr__(self) -> str:
@@ -104,7 +105,7 @@ class InverseKinematics:
                 pointer(q), ctypes.byref(count), pointer(work), ctypes.c_int64(work.size),
             )
         )  # fmt: skip
-        if status < 0 and status != UNREACHABLE:
+        if status < 0 and status != self._unreachable:
             self._refuse(status)
         return q[: min(count.value, most)]
 
@@ -146,4 +147,5 @@ def inverse_kinematics_of(
     work = found(f"{name}_{FUNCTION}_work")
     work.restype = ctypes.c_int64
     entry = found(f"{name}_{FUNCTION}")
-    return InverseKinematics(name, sizes["n_a"], sizes["n_g"], entry, int(work()), failures, again)
+    unreachable = interface_of(manifest).statuses["UNREACHABLE"]
+    return InverseKinematics(name, sizes["n_a"], sizes["n_g"], entry, int(work()), failures, unreachable, again)
