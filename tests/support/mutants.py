@@ -23,6 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==", ast.Is: "is not"}
 COMPARED |= {ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in"}
 COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.MatMult: "*", ast.Pow: "*"}
+QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
 MOST_FILES, TIMEOUT_S = 12, 240
 
 
@@ -108,7 +109,7 @@ def survives(mutant: Mutant, copy: Path) -> bool:
     place.write_text(mutant.text, encoding="utf-8")
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests],
+            [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", QUICK, *tests],
             cwd=copy, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, timeout=TIMEOUT_S, check=False,
         )  # fmt: skip
         return done.returncode in (0, 5)
