@@ -36,7 +36,7 @@ CONTENTS = {
     "Use": "command_line python c_library methods verification",
     "Reference": "python_reference c_reference model_files emitted_library",
     "Figures": "benchmarks " + " ".join(sorted(name for name in OTHERS.values() if name.startswith("benchmark_"))),
-    "Project": "contributing changelog licenses",
+    "Project": "stability contributing changelog licenses",
 }
 
 

@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,7 +70,7 @@ def mutants_of(file: Path) -> list[Mutant]:
         if new is not None and node.lineno == node.end_lineno:  # type: ignore[attr-defined]
             before = ast.get_source_segment(source, node) or ""
             out.append(Mutant(file, node.lineno, before, new, _replaced(source, node, new)))  # type: ignore[attr-defined]
-    return [m for m in out if "|" not in m.before and _compiles(m.text)]  # unions of types are no operators
+    return [m for m in out if "|" not in m.before]  # unions of types are no operators
 
 
 def _compiles(text: str) -> bool:
@@ -87,7 +88,8 @@ def drawn(count: int, seed: int) -> list[Mutant]:
     for file in sorted((ROOT / "flexgen").rglob("*.py")):
         for mutant in mutants_of(file):
             lines.setdefault((file, mutant.line), []).append(mutant)
-    return [chance.choice(lines[key]) for key in chance.sample(sorted(lines), count)]
+    found = (chance.choice(lines[key]) for key in chance.sample(sorted(lines), len(lines)))
+    return list(islice((mutant for mutant in found if _compiles(mutant.text)), count))
 
 
 def tests_of(file: Path) -> list[str]:

@@ -166,7 +166,7 @@ def test_the_log_has_messages_and_results(run, tmp_path):
     lines = log.read_text(encoding="utf-8").splitlines()
     assert all(re.match(r"\d{4}-\d\d-\d\dT[\d:.]+[-+]\d\d:\d\d ", line) for line in lines)
     texts = [line.partition(" ")[2] for line in lines]
-    assert texts[0] == f"flexgen 0.2.0: solve elbow --quiet --log {log}"
+    assert texts[0] == f"flexgen 0.3.0: solve elbow --quiet --log {log}"
     assert any(text.startswith("status") and text.endswith("solved") for text in texts)
     assert "exit status 0" in texts and texts[-1] == "exit status 1"
     assert any(text.startswith("flexgen: ") and "nosuch" in text for text in texts)
