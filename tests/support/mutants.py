@@ -30,28 +30,32 @@ MOST_FILES, TIMEOUT_S = 12, 240
 
 @dataclass(frozen=True)
 class Mutant:
-    """A line of a file and what stands there instead of a part of it."""
+    """A part of a line of a file, its first and last column in bytes, and what stands there instead."""
 
     file: Path
     line: int
-    before: str
+    columns: tuple[int, int]
     after: str
-    text: str  # of the file
 
+    @property
+    def before(self) -> str:
+        """What the mutant replaces."""
+        line = self.file.read_text(encoding="utf-8").splitlines()[self.line - 1]
+        return line.encode()[slice(*self.columns)].decode()
 
-def _replaced(source: str, node: ast.AST, new: str) -> str:
-    lines = source.splitlines(keepends=True)
-    first, last = node.lineno - 1, node.end_lineno - 1  # type: ignore[attr-defined]
-    head = lines[first].encode()[: node.col_offset].decode()  # type: ignore[attr-defined]
-    tail = lines[last].encode()[node.end_col_offset :].decode()  # type: ignore[attr-defined]
-    return "".join([*lines[:first], head + new + tail, *lines[last + 1 :]])
+    @property
+    def text(self) -> str:
+        """The file with the mutant."""
+        lines = self.file.read_text(encoding="utf-8").splitlines(keepends=True)
+        line, (first, last) = lines[self.line - 1].encode(), self.columns
+        lines[self.line - 1] = (line[:first] + self.after.encode() + line[last:]).decode()
+        return "".join(lines)
 
 
 def mutants_of(file: Path) -> list[Mutant]:
     """All mutants of a file."""
-    source = file.read_text(encoding="utf-8")
     out = []
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         new = None
         if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
             left, right = ast.unparse(node.left), ast.unparse(node.comparators[0])
@@ -68,9 +72,9 @@ def mutants_of(file: Path) -> list[Mutant]:
         elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
             new = f"({node.value!r} + 1)"
         if new is not None and node.lineno == node.end_lineno:  # type: ignore[attr-defined]
-            before = ast.get_source_segment(source, node) or ""
-            out.append(Mutant(file, node.lineno, before, new, _replaced(source, node, new)))  # type: ignore[attr-defined]
-    return [m for m in out if "|" not in m.before]  # unions of types are no operators
+            columns = node.col_offset, node.end_col_offset  # type: ignore[attr-defined]
+            out.append(Mutant(file, node.lineno, columns, new))  # type: ignore[attr-defined]
+    return out
 
 
 def _compiles(text: str) -> bool:
