@@ -1,1 +1,1 @@
-"""The hand-written C of the emitted library; ``model_`` stands for the library's name."""
+"""The hand-written C of the emitted library; ``model_`` is replaced by the library's name."""

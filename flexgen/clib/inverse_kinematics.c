@@ -284,7 +284,7 @@ static int keep_solution(search *s, search_state *state, int l)
     return 1;
 }
 
-/* Go on where a point is near a solution and comes nearer: beside a fold each step only halves the way. */
+/* Continue while the error decreases where a point is near a solution: near a singularity convergence is linear. */
 static void polish(search *s, const int *free, real *space)
 {
     int still = 1;

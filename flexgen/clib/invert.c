@@ -7,9 +7,9 @@
 #include "model_whole_path.h"
 
 /*
- * --- The end of a motion along a path, where what is left of it moves the output no more.
+ * --- The end of a motion along a path, where the remaining motion no longer affects the output.
  *
- * After the path the motion of the unactuated coordinates decays to the equilibrium. What is left of it moves the
+ * After the path the motion of the unactuated coordinates decays to the equilibrium. The remaining motion moves the
  * output by about
  *
  *     max over X in {W_e, D} of max(|X (q_e - q_e,end)|, HELD |X v_e|),    dy/dt = W v_a,
@@ -76,7 +76,7 @@ static inline int settling_at(const real *target, problem_points *arm, settling 
     return MODEL_OK;
 }
 
-/* Whether what is left of the motion at node k of the mesh moves the output by more than `allowed`. */
+/* Whether the remaining motion at node k of the mesh moves the output by more than `allowed`. */
 static inline int moves_at(const mesh *m, const settling *s, ptrdiff_t k, real allowed)
 {
     const real *y = m->y + k * STATES;

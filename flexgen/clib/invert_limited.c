@@ -690,7 +690,7 @@ static void set_program(const limited_call *m)
     }
 }
 
-/* Whether a row is a local maximum in time; rows beside it follow it. Some rows in between count as maxima. */
+/* Whether a row is a local maximum in time; rows next to it follow it. Some rows in between count as maxima. */
 static int is_peak(const limited_call *m, int node, ptrdiff_t at)
 {
     const real size = fabs_1(m->shown[at]);

@@ -594,7 +594,7 @@ static inline void lq_controls(const real *factor, const real *linear, real *x)
     }
 }
 
-/* What the linear terms of a step depend on, beside the factors; `slot_of` gives the number of an interval. */
+/* Data of the linear terms of a step, in addition to the factors; `slot_of` gives the number of an interval. */
 typedef struct {
     const real *point;         /* varying x STAGES x POINT: K, D, A of the factors, and BLOCK more */
     const real *steady_point;  /* STAGES x POINT, and BLOCK more: of the intervals that do not vary, if any */

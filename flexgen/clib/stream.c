@@ -390,7 +390,7 @@ static inline int do_part(real *s, const layout *l, update_part p)
     }
 }
 
-/* Do about 1/parts of what is left of the update; all of it where parts is 1. */
+/* Do about 1/parts of the remaining update; all of it where parts is 1. */
 static inline int do_parts(real *s, const layout *l, int parts)
 {
     update_part p = next_part_of(s);

@@ -787,7 +787,7 @@ static inline void output_step_of(real *s, const layout *l, const real *deflecti
 
 /*
  * The largest step of a motor torque from the value that the plan before predicted, relative to the largest of that
- * motor within about a horizon, or to a hundredth of that of all motors. A step is no motion, although each plan is
+ * motor within about a horizon, or to a hundredth of that of all motors. A step is not a motion, although each plan is
  * smooth.
  */
 static inline real torque_step_of(real *s, const layout *l, const real *tau_m)

@@ -195,7 +195,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
     CFunction(
         "stream_finish",
         "stream.c",
-        "Do what is left of an update that has begun; give motion and torques of the interval.",
+        "Do the rest of an update that has begun; give motion and torques of the interval.",
         "Statuses and results are those of stream_update. NOT_STARTED: no update has begun, or the stream has failed.",
         (
             _STREAM,
@@ -253,7 +253,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "torques with the limits. Where it is exceeded by a factor above 2.5 while the path is modified, the stream "
         "stops with LIMITS_INFEASIBLE. The path is modified only beyond the preview that the unstable zeros need; "
         "HORIZON_TOO_SHORT: fewer than 4 intervals, or less than half of this preview beyond it. Limits may be "
-        "changed at any time. An infinite torque or speed is no limit.",
+        "changed at any time. An infinite torque or speed means no limit.",
         (
             _STREAM,
             Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),

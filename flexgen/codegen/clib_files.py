@@ -1,6 +1,7 @@
 """The fixed C of the library: files of ``flexgen/clib/`` with the library's name put in, and its inversion header.
 
-In these files ``model_`` and ``MODEL_`` stand for the library's name; `render` is the only place that replaces them.
+In these files ``model_`` and ``MODEL_`` are replaced by the library's name; `render` is the only place that replaces
+them.
 """
 
 from __future__ import annotations
@@ -122,8 +123,9 @@ def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> 
 {comment(f"{name}: inverse dynamics along a path, written by flexgen. Do not edit.")} *
 {
         comment(
-            "invert takes a whole path. A stream takes one sample of the path per update and gives the torques of now. "
-            "Both give the motor torques for exact tracking of the output, also where the zero dynamics is unstable."
+            "invert takes a whole path. A stream takes one sample of the path per update and returns the current "
+            "torques. Both give the motor torques for exact tracking of the output, also where the zero dynamics is "
+            "unstable."
         )
     } */
 #ifndef {guard}

@@ -21,7 +21,7 @@ from flexgen.ports import c_name_problem, identifier_problem
 
 SOURCES = "src"  # folder of the private files
 
-# Names that the emitted functions use beside their ports.
+# Names that the emitted functions use in addition to their ports.
 _INTERNAL = re.compile(
     r"(t\d+|z\d+|(angle|co?sine)\d+|(left|right|rest|x)\d+|[wnkijFTPdx]|work|status|first|last|at|end|count|check|times|"
     r"inverse|pivot|upper|zero|group|groups|bad|copied|collide|matrix|rows|sum|whole|inertia|masses|turning|real|lanes|stride|"

@@ -138,7 +138,7 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 
 
 def _continued(text: str) -> str:
-    """A long line of a macro, in lines that go on."""
+    """A long line of a macro, in several lines."""
     lines = textwrap.wrap(text.replace(", ", ",\0"), 112, break_long_words=False, break_on_hyphens=False)
     return " \\\n".join(f"    {line}" for line in lines).replace("\0", " ")
 

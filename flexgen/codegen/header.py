@@ -211,7 +211,7 @@ def _function(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     """The part of the header that describes and declares one function."""
     api = macro(spec, "API")
     cost = (
-        f"{written.operations} operations, the longest chain about {written.depth} cycles; stack of one point at most "
+        f"{written.operations} operations, critical path about {written.depth} cycles; stack of one point at most "
         f"{stack_bytes(written, spec.precision)} bytes"
     )
     return (

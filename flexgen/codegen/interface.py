@@ -28,7 +28,7 @@ ENUMS = (
         "results are those at the samples.",
         (
             ("spline", "follows a spline through the samples"),
-            ("linear", "goes on a straight line to the next sample"),
+            ("linear", "follows a straight line to the next sample"),
             ("zoh", "holds each sample until the next one (zero-order hold)"),
         ),
     ),
@@ -216,7 +216,7 @@ STRUCTS: tuple[Struct, ...] = (
     ),
     Struct(
         "inversion_limits",
-        "Limits of invert_limited. A null member or an infinite entry is no limit.",
+        "Limits of invert_limited. A null member or an infinite entry means no limit.",
         (
             Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
             Field("speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"),

@@ -40,7 +40,7 @@ KINEMATIC_FUNCTIONS = (
         "q_start; limits of the joints are not checked. Where the arm is singular at a configuration, its joints are "
         "accurate to about 1e-6. Configurations closer than about 1e-5 rad to a singular one can be missing or found "
         "twice, and no status says so. q is written with OK only. UNREACHABLE: nothing was found. NOT_CONVERGED: more "
-        "than 16 configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is no rotation, "
+        "than 16 configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is not a rotation, "
         "that an entry of q_start is larger than 1000, or that free does not list six different coordinates with a "
         "motor.",
         (

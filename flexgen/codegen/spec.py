@@ -232,7 +232,7 @@ def library_name(model: RobotModel) -> str:
     name = f"{model.name}_{model.variant}" if model.variant else model.name
     problem = c_name_problem(name)
     if problem is None and name.lower() in _TAKEN:
-        problem = "a name that no header, file or library beside it has"
+        problem = "a name that no header, file or library with it has"
     if problem is not None:
         raise BuildError(f"name of the model, with its variant: given {name!r}, expected {problem}")
     return name

@@ -162,7 +162,7 @@ TABLE = (
     ),
     Row(
         "inversion_rows",
-        "Torques of the gears for a given motion, and what is left of the equations of the coordinates without motor.",
+        "Torques of the gears for a given motion, and the remainder of the equations of the coordinates without motor.",
         "tau_g = [M a_a + c + g - f]_g,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions",
         "q_a v_a a_a",
         "tau_g row",

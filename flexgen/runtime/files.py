@@ -5,8 +5,7 @@ All code that flexgen loads comes through here: libraries of models, modules in 
 What is refused, on systems with POSIX permissions: a folder, manifest or library that every user may write, or that
 belongs to neither the user nor root; the same for all folders above them, where a folder that every user may write
 needs its sticky bit; a manifest or library that is a symbolic link or no regular file. A group may write: groups are
-chosen, and where the umask is 002 every user is alone in one. Whoever may write as the user can of course load
-anything.
+chosen, and where the umask is 002 every user is alone in one. A process with the rights of the user can load anything.
 
 What is loaded is a private copy of the content that was verified: on Linux in memory, without a name in any folder. So
 no process can replace the file between the check and the load.

@@ -110,7 +110,7 @@ static const elbow_real elbow_home_q_m[ELBOW_NM] = {140.0252725600022, (-88.0809
  *   in  q_a n_a   [rad] arm coordinates in chain order
  *   out p   3     [m]   position of the tool, world axes
  *   out R   3 x 3 [1]   rotation matrix, columns: axes of the tool in the world
- * 11 operations, the longest chain about 72 cycles; stack of one point at most 1536 bytes
+ * 11 operations, critical path about 72 cycles; stack of one point at most 1536 bytes
  */
 ELBOW_API
 elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3], elbow_real R[3 * 3]);
@@ -122,7 +122,7 @@ elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real
  *
  *   in  q_a n_a     [rad]   arm coordinates in chain order
  *   out J   6 x n_a [mixed] rows 0-2 in m/s, rows 3-5 in rad/s, per unit of the column's velocity
- * 12 operations, the longest chain about 76 cycles; stack of one point at most 1536 bytes
+ * 12 operations, critical path about 76 cycles; stack of one point at most 1536 bytes
  */
 ELBOW_API
 elbow_status elbow_jacobian(const elbow_real q_a[ELBOW_NA], elbow_real J[6 * ELBOW_NA]);
@@ -134,7 +134,7 @@ elbow_status elbow_jacobian(const elbow_real q_a[ELBOW_NA], elbow_real J[6 * ELB
  *
  *   in  q_a n_a       [rad]    arm coordinates in chain order
  *   out M   n_a x n_a [kg m^2] mass matrix, symmetric
- * 5 operations, the longest chain about 68 cycles; stack of one point at most 1536 bytes
+ * 5 operations, critical path about 68 cycles; stack of one point at most 1536 bytes
  */
 ELBOW_API
 elbow_status elbow_mass_matrix(const elbow_real q_a[ELBOW_NA], elbow_real M[ELBOW_NA * ELBOW_NA]);
@@ -147,7 +147,7 @@ elbow_status elbow_mass_matrix(const elbow_real q_a[ELBOW_NA], elbow_real M[ELBO
  *   in  q_a n_a [rad]   arm coordinates in chain order
  *   in  v_a n_a [rad/s] arm velocities
  *   out h   n_a [N m]   bias forces, arm side
- * 20 operations, the longest chain about 84 cycles; stack of one point at most 1792 bytes
+ * 20 operations, critical path about 84 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA], elbow_real h[ELBOW_NA]);
@@ -159,7 +159,7 @@ elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELB
  *
  *   in  q_a n_a [rad] arm coordinates in chain order
  *   out g   n_a [N m] gravity forces, arm side
- * 6 operations, the longest chain about 72 cycles; stack of one point at most 1536 bytes
+ * 6 operations, critical path about 72 cycles; stack of one point at most 1536 bytes
  */
 ELBOW_API
 elbow_status elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA]);
@@ -173,7 +173,7 @@ elbow_status elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA
  *   in  v_a   n_a [rad/s]   arm velocities
  *   in  a_a   n_a [rad/s^2] arm accelerations
  *   out tau_a n_a [N m]     forces on the arm coordinates, arm side
- * 35 operations, the longest chain about 88 cycles; stack of one point at most 1792 bytes
+ * 35 operations, critical path about 88 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -190,7 +190,7 @@ elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
  *   out dtau_dq n_a x n_a [mixed]   unit of the row's force per unit of the column's coordinate
  *   out dtau_dv n_a x n_a [mixed]   unit of the row's force per unit of the column's velocity
  *   out dtau_da n_a x n_a [kg m^2]  mass matrix, symmetric
- * 40 operations, the longest chain about 84 cycles; stack of one point at most 1792 bytes
+ * 40 operations, critical path about 84 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -207,7 +207,7 @@ elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], 
  *   in  v_a   n_a [rad/s]   arm velocities
  *   in  tau_a n_a [N m]     forces on the arm coordinates, arm side
  *   out a_a   n_a [rad/s^2] arm accelerations
- * 37 operations, the longest chain about 132 cycles; stack of one point at most 1792 bytes
+ * 37 operations, critical path about 132 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -224,7 +224,7 @@ elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const el
  *   out da_dq   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's coordinate
  *   out da_dv   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's velocity
  *   out da_dtau n_a x n_a [mixed] inverse of the mass matrix, symmetric
- * 117 operations, the longest chain about 296 cycles; stack of one point at most 1792 bytes
+ * 117 operations, critical path about 296 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -244,7 +244,7 @@ elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const
  *   in  tau_m n_m [N m]     motor torques, motor side
  *   out a_a   n_a [rad/s^2] arm accelerations
  *   out a_m   n_m [rad/s^2] motor accelerations, motor side
- * 57 operations, the longest chain about 132 cycles; stack of one point at most 2048 bytes
+ * 57 operations, critical path about 132 cycles; stack of one point at most 2048 bytes
  */
 ELBOW_API
 elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -265,7 +265,7 @@ elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
  *   out a_a    n_a [rad/s^2] arm accelerations
  *   out a_m    n_m [rad/s^2] motor accelerations, motor side
  *   out tau_g  n_g [N m]     torques of the gears on the arm, arm side
- * 80 operations, the longest chain about 140 cycles; stack of one point at most 2304 bytes
+ * 80 operations, critical path about 140 cycles; stack of one point at most 2304 bytes
  */
 ELBOW_API
 elbow_status elbow_forward_dynamics_tool_force(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -282,7 +282,7 @@ elbow_status elbow_forward_dynamics_tool_force(const elbow_real q_a[ELBOW_NA], c
  *   in  a_a    n_a [rad/s^2] arm accelerations
  *   out v_tool 6   [mixed]   of the tool's origin [m/s], then angular velocity [rad/s], world axes
  *   out a_tool 6   [mixed]   of the tool's origin [m/s^2], then angular acceleration [rad/s^2], world axes
- * 35 operations, the longest chain about 80 cycles; stack of one point at most 1792 bytes
+ * 35 operations, critical path about 80 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -301,7 +301,7 @@ elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real 
  *   in  tau_m n_m       [N m]   motor torques, motor side
  *   out A     n_x x n_x [mixed] unit of the row's x/s per unit of the column's x
  *   out B     n_x x n_m [mixed] unit of the row's x/s per N m
- * 293 operations, the longest chain about 376 cycles; stack of one point at most 2048 bytes
+ * 293 operations, critical path about 376 cycles; stack of one point at most 2048 bytes
  */
 ELBOW_API
 elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -319,7 +319,7 @@ elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_
  *   in  v_m n_m [rad/s]   motor speeds, motor side
  *   out a_a n_a [rad/s^2] arm accelerations
  *   out j_a n_a [rad/s^3] arm jerks
- * 161 operations, the longest chain about 200 cycles; stack of one point at most 2816 bytes
+ * 161 operations, critical path about 200 cycles; stack of one point at most 2816 bytes
  */
 ELBOW_API
 elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -340,7 +340,7 @@ elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA], const e
  *   in  q_m   n_m [rad]     motor angles, motor side
  *   in  v_m   n_m [rad/s]   motor speeds, motor side
  *   out tau_m n_m [N m]     motor torques, motor side
- * 208 operations, the longest chain about 132 cycles; stack of one point at most 3328 bytes
+ * 208 operations, critical path about 132 cycles; stack of one point at most 3328 bytes
  */
 ELBOW_API
 elbow_status elbow_flexible_joint_torque(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -358,7 +358,7 @@ elbow_status elbow_flexible_joint_torque(const elbow_real q_a[ELBOW_NA], const e
  *   out y_err  n_y       [m]     output less target
  *   out W      n_y x n_a [mixed] unit of the row's rate per unit of the column's velocity
  *   out Wdot_v n_y       [m/s^2] second time derivative of the output without accelerations
- * 23 operations, the longest chain about 76 cycles; stack of one point at most 1792 bytes
+ * 23 operations, critical path about 76 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -366,7 +366,7 @@ elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow
     elbow_real Wdot_v[ELBOW_NY]);
 
 /*
- * Torques of the gears for a given motion, and what is left of the equations of the coordinates without motor.
+ * Torques of the gears for a given motion, and the remainder of the equations of the coordinates without motor.
  *
  *   tau_g = [M a_a + c + g - f]_g,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions
  *
@@ -374,7 +374,7 @@ elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow
  *   in  v_a   n_a [rad/s]   arm velocities
  *   in  a_a   n_a [rad/s^2] arm accelerations
  *   out tau_g n_g [N m]     torques of the gears on the arm, arm side
- * 35 operations, the longest chain about 88 cycles; stack of one point at most 1792 bytes
+ * 35 operations, critical path about 88 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_inversion_rows(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -388,7 +388,7 @@ elbow_status elbow_inversion_rows(const elbow_real q_a[ELBOW_NA], const elbow_re
  *   in  deflection n_g [rad]   of the gears, arm side: eta^-1 q_m - q_g
  *   out tau_p      n_g [N m]   torques of the gears' springs, arm side
  *   out dtau_p     n_g [mixed] unit of the torque per unit of the coordinate
- * 2 operations, the longest chain about 4 cycles; stack of one point at most 1280 bytes
+ * 2 operations, critical path about 4 cycles; stack of one point at most 1280 bytes
  */
 ELBOW_API
 elbow_status elbow_gear_law(const elbow_real deflection[ELBOW_NG], elbow_real tau_p[ELBOW_NG],
@@ -401,7 +401,7 @@ elbow_status elbow_gear_law(const elbow_real deflection[ELBOW_NG], elbow_real ta
  *
  *   in  v_m n_m [rad/s] motor speeds, motor side
  *   out f_m n_m [N m]   friction torques, motor side
- * 0 operations, the longest chain about 0 cycles; stack of one point at most 1024 bytes
+ * 0 operations, critical path about 0 cycles; stack of one point at most 1024 bytes
  */
 ELBOW_API
 elbow_status elbow_motor_friction(const elbow_real v_m[ELBOW_NM], elbow_real f_m[ELBOW_NM]);

@@ -196,7 +196,7 @@ elbow_status elbow_output_constraint_batch_strided(int n, int stride, const elbo
     const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work);
 
 /*
- * Torques of the gears for a given motion, and what is left of the equations of the coordinates without motor.
+ * Torques of the gears for a given motion, and the remainder of the equations of the coordinates without motor.
  */
 ELBOW_API
 elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,

@@ -1,8 +1,8 @@
 /*
  * elbow: inverse dynamics along a path, written by flexgen. Do not edit.
  *
- * invert takes a whole path. A stream takes one sample of the path per update and gives the torques of now. Both give
- * the motor torques for exact tracking of the output, also where the zero dynamics is unstable.
+ * invert takes a whole path. A stream takes one sample of the path per update and returns the current torques. Both
+ * give the motor torques for exact tracking of the output, also where the zero dynamics is unstable.
  */
 #ifndef ELBOW_INVERSION_H
 #define ELBOW_INVERSION_H
@@ -29,7 +29,7 @@ extern "C" {
  */
 typedef enum {
     ELBOW_HOLD_SPLINE = 0 /* follows a spline through the samples */,
-    ELBOW_HOLD_LINEAR = 1 /* goes on a straight line to the next sample */,
+    ELBOW_HOLD_LINEAR = 1 /* follows a straight line to the next sample */,
     ELBOW_HOLD_ZOH = 2 /* holds each sample until the next one (zero-order hold) */
 } elbow_hold;
 
@@ -115,7 +115,7 @@ typedef struct {
     int n_post;
 } elbow_invert_info;
 
-/* Limits of invert_limited. A null member or an infinite entry is no limit. */
+/* Limits of invert_limited. A null member or an infinite entry means no limit. */
 typedef struct {
     const elbow_real *torque_max; /* n_m [N m] largest motor torques, positive */
     const elbow_real *speed_max; /* n_m [rad/s] largest motor speeds, positive */
@@ -307,7 +307,7 @@ ELBOW_API
 elbow_status elbow_stream_advance(const elbow_stream *stream, int parts);
 
 /*
- * Do what is left of an update that has begun; give motion and torques of the interval.
+ * Do the rest of an update that has begun; give motion and torques of the interval.
  *
  * Statuses and results are those of stream_update. NOT_STARTED: no update has begun, or the stream has failed. Stack:
  * at most 11264 bytes.
@@ -347,7 +347,7 @@ elbow_status elbow_stream_start_moving(const elbow_stream *stream, const elbow_s
  * no limit is active. A limit that cannot be kept is exceeded: compare the torques with the limits. Where it is
  * exceeded by a factor above 2.5 while the path is modified, the stream stops with LIMITS_INFEASIBLE. The path is
  * modified only beyond the preview that the unstable zeros need; HORIZON_TOO_SHORT: fewer than 4 intervals, or less
- * than half of this preview beyond it. Limits may be changed at any time. An infinite torque or speed is no limit.
+ * than half of this preview beyond it. Limits may be changed at any time. An infinite torque or speed means no limit.
  * Stack: at most 11264 bytes.
  *
  *   stream                    see elbow_stream

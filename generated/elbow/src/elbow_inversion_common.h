@@ -96,7 +96,7 @@ static inline int is_finite(const real *x, int n)
     return all_finite(x, n, 1);
 }
 
-/* Status of a function of the library that was called with computed states: they are no inputs of the caller. */
+/* Status of a function of the library that was called with computed states: not inputs of the caller. */
 static inline int inner_status(int status)
 {
     return status == ELBOW_INPUT_NOT_FINITE ? ELBOW_RESULT_NOT_FINITE : status;

@@ -402,7 +402,7 @@ static inline int motors_at_sample(const gears *g, const real *tau, const real *
             twice = second_derivative_of(deflection + i, NG, period);
         } else {
             real left = tau[i] - value[i];
-            left = fabs_1(left) <= PRECISE(0.0, 2e-7) * fabs_1(tau[i]) ? 0.0 : left; /* rounding is no motion */
+            left = fabs_1(left) <= PRECISE(0.0, 2e-7) * fabs_1(tau[i]) ? 0.0 : left; /* not rounding */
             once = left / damping_of(i, space);
             twice = (derivative_of(tau + i, NG, period) - stiffness[i] * once) / damping_of(i, space);
         }
@@ -414,7 +414,7 @@ static inline int motors_at_sample(const gears *g, const real *tau, const real *
 }
 
 /*
- * --- Torques for a drive that holds each of them, or goes on a straight line to the next one.
+ * --- Torques for a drive that holds each of them, or follows a straight line to the next one.
  *
  * The motor has the torque of sample k from k + delay on, in samples. v: the mean of the torque from there to the next
  * one (HOLD_ZOH), or its value there, from the quintic polynomial through six samples. The torque to send is

@@ -60,8 +60,8 @@ static inline void gather_points(const real *x, int size, int count, ptrdiff_t s
 }
 
 /*
- * Copy the results of some points to where they belong. past: past the cache, which results of many points would fill
- * in vain; `end_scatter` makes them visible.
+ * Copy the results of some points to their places. past: bypassing the cache, since the results are not read again;
+ * `end_scatter` makes them visible.
  */
 static inline void scatter_points(
     const real *x, int size, int count, ptrdiff_t stride, real *to, ptrdiff_t to_stride, int past)

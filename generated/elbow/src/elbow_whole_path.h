@@ -212,7 +212,7 @@ static inline int add_deflections(const gear_rows *g, const gears *state, ptrdif
                 twice = second_derivative_v(deflection, state->period);
             } else {
                 const lanes now = load_v(tau), left = now - load_v(&value[i][l]);
-                const lanes moves = lt_v(PRECISE(0.0, 2e-7) * fabs_v(now), fabs_v(left)); /* rounding is no motion */
+                const lanes moves = lt_v(PRECISE(0.0, 2e-7) * fabs_v(now), fabs_v(left)); /* not rounding */
                 once = select_v(moves, left, splat_v(0.0)) / damping_of(i, space);
                 twice = (derivative_v(tau, state->period) - load_v(&stiffness[i][l]) * once) / damping_of(i, space);
             }
