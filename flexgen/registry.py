@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any
 
 from flexgen.errors import ArgumentError
@@ -53,9 +52,17 @@ def own_names(group: str) -> tuple[str, ...]:
 
 
 @cache
+def _points(group: str) -> dict[str, Any]:
+    """The entry points of a group by name."""
+    from importlib.metadata import entry_points  # here: it takes as long to import as the rest of ``--version``
+
+    return {point.name: point for point in entry_points(group=f"flexgen.{group}")}
+
+
+@cache
 def added_names(group: str) -> tuple[str, ...]:
     """The names of a group that other packages have added."""
-    return tuple(sorted({point.name for point in entry_points(group=f"flexgen.{group}")} - set(own_names(group))))
+    return tuple(sorted(_points(group).keys() - set(own_names(group))))
 
 
 def names(group: str) -> tuple[str, ...]:
@@ -69,7 +76,7 @@ def extension(group: str, name: str) -> Any:
     target = _TARGETS.get(group, {}).get(name)
     if target is not None:
         return imported(target)
-    found = {point.name: point for point in entry_points(group=f"flexgen.{group}")}[name]
+    found = _points(group)[name]
     try:
         return found.load()
     except Exception as error:  # code of others

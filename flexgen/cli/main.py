@@ -185,7 +185,7 @@ def _main(words: list[str]) -> int:
             sys.stdout.flush()
         return SUCCESS
     if args.verb is None:
-        _print(build_parser().format_help().rstrip("\n"))
+        _print(build_parser("").format_help().rstrip("\n"))
         return SUCCESS
     try:
         messages = _Messages(args, words)

@@ -48,7 +48,7 @@ Exit status: 0 success, 1 failure, 2 wrong usage, 3 limits of the model exceeded
 
 
 def build_parser(only: str | None = None) -> Parser:
-    """The parser of the command line; ``only``: with the arguments of this verb alone, where it is one."""
+    """The parser of the command line; ``only``: with the arguments of this verb alone; empty: of none."""
     parser = Parser(
         prog="flexgen",
         description="Inverse dynamics of elastic robots, from a model file to C that runs in a controller.",
@@ -59,7 +59,7 @@ def build_parser(only: str | None = None) -> Parser:
     parser.add_argument("--version", action="version", version=f"flexgen {__version__}")
     group = parser.add_subparsers(dest="verb", metavar="VERB")
     kinds: Any = None
-    all_of_them = only not in {name.partition(" ")[0] for name in VERBS}
+    all_of_them = only != "" and only not in {name.partition(" ")[0] for name in VERBS}
     of_others = added_names("exports") if all_of_them or only == "export" else ()
     rows = [*VERBS.values()]
     at = 1 + max(k for k, verb in enumerate(rows) if verb.name.startswith("export "))
@@ -70,7 +70,8 @@ def build_parser(only: str | None = None) -> Parser:
         if all_of_them or name == only:
             _add_verb(kinds if kind else group, kind or name, verb, parser)
         elif not kind:
-            group.add_parser(name)
+            helped: dict[str, Any] = {"help": _summary(verb)} if only == "" else {}
+            group.add_parser(name, **helped)
     return parser
 
 
@@ -88,7 +89,10 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
     former = {verb.old: verb.name for verb in VERBS.values() if verb.old}
     new = former.get(words[0], "") if words else ""
     words = [new, *words[1:]] if new else words
-    only = words[0] if words and words[0] != "completion" else None  # completion is a text of all verbs
+    if not words or words[0] in ("-h", "--help"):
+        only: str | None = ""
+    else:
+        only = words[0] if words[0] != "completion" else None  # completion is a text of all verbs
     args, unknown = build_parser(only).parse_known_args(words)
     if unknown:
         parser = build_parser()
@@ -116,11 +120,20 @@ def _add_export(group: Any) -> Any:
     return parser.add_subparsers(dest="kind", metavar="KIND", required=True)
 
 
+def _action(verb: Verb) -> Any:
+    """The function that runs a verb."""
+    module, _, function = verb.action.partition(":")
+    return getattr(import_module(f"flexgen.cli.verbs.{module}"), function)
+
+
+def _summary(verb: Verb) -> str:
+    """What a verb does: the first line of the docstring of its function."""
+    return (_action(verb).__doc__ or "").strip().partition("\n")[0]
+
+
 def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
     """Add a verb; the first line of the docstring of its function is its help."""
-    module, _, function = verb.action.partition(":")
-    action = getattr(import_module(f"flexgen.cli.verbs.{module}"), function)
-    summary = (action.__doc__ or "").strip().partition("\n")[0]
+    action, summary = _action(verb), _summary(verb)
     parser: Parser = group.add_parser(name, help=summary, description=summary)
     parser.set_defaults(action=action, parser=parser, row=verb, root=root)
     if verb.model != "none":
