@@ -329,7 +329,7 @@ class _Overlay:
         if table is not None:
             for name in ends:
                 if name in table:
-                    ends[name] = table.optional(name)
+                    ends[name] = table.number(name)
                 elif table.unit_key(name, required=False):
                     ends[name] = table.angle(name)
         lower, upper = ends["lower"], ends["upper"]

@@ -162,10 +162,6 @@ class Table:
             raise self.fail(key, f"a number {MAGNITUDE}")
         return number
 
-    def optional(self, key: str, *, above: float | None = None) -> float | None:
-        """A finite number, or None if the key is missing."""
-        return self.number(key, above=above) if key in self.entries else None
-
     def whole(self, key: str, low: int, high: int) -> int:
         """An integer from ``low`` to ``high``."""
         expected = f"a whole number from {low} to {high}"
@@ -217,13 +213,9 @@ class Table:
             raise self.fail(stem + "_rad", f"{stem}_rad or {stem}_deg")
         return given[0] if given else None
 
-    def angles(
-        self, stem: str, rotary: Sequence[bool], default: Sequence[float] | None = None, what: str = ""
-    ) -> tuple[float, ...]:
+    def angles(self, stem: str, rotary: Sequence[bool], what: str = "") -> tuple[float, ...]:
         """A list under ``stem_rad`` or ``stem_deg``, converted to rad; entries that are not rotary stay unchanged."""
-        key = self.unit_key(stem, required=default is None)
-        if key is None:
-            return tuple(default or ())
+        key = self.unit_key(stem) or ""
         values = self.vector(key, len(rotary), what=what)
         if key.endswith("_rad"):
             return values
@@ -236,10 +228,8 @@ class Table:
             return None
         return math.radians(self.number(key)) if key.endswith("_deg") else self.number(key)
 
-    def text(self, key: str, default: str | None = None) -> str:
+    def text(self, key: str) -> str:
         """A string without control characters; line ends and tabs are allowed."""
-        if default is not None and key not in self.entries:
-            return default
         value = self._get(key, "a string")
         if not isinstance(value, str):
             raise self.fail(key, "a string")
@@ -249,8 +239,8 @@ class Table:
         return value
 
     def flag(self, key: str) -> bool:
-        """True or false; false if the key is missing."""
-        value = self.entries[key].value if key in self.entries else False
+        """True or false."""
+        value = self._get(key, "true or false")
         if not isinstance(value, bool):
             raise self.fail(key, "true or false")
         return value
