@@ -153,7 +153,7 @@ def test_wrong_arguments_are_refused():
         ("starts: given 0", (p, R), {"starts": 0}),
         ("most: given True", (p, R), {"most": True}),
         ("six different indices", (p, R), {"free": [0, 1, 2, 3, 4, 4]}),
-        ("q_start beyond 1000", (p, R, JOINTS + 1000), {}),
+        (r"\|q_start\| > 1000", (p, R, JOINTS + 1000), {}),
         ("six different indices from 0 to 5", (p, R), {"free": [0, 1, 2, 3, 4, 9]}),
         ("six different indices", (p, R), {"free": [0.9, 1.2, 2, 3, 4, 5]}),
         ("six different indices", (p, R), {"free": 5}),
