@@ -215,5 +215,5 @@ def test_all_code_is_loaded_in_one_place():
     found = {
         str(path.relative_to(SOURCE)): calls for path in SOURCE.rglob("*.py") if (calls := loads_of(path.read_text()))
     }
-    assert found == {"runtime/files.py": ["ctypes.CDLL"], "build/casadi_module.py": ["ca.external"]}
+    assert found == {"runtime/files.py": ["ctypes.CDLL"], "library/casadi_module.py": ["ca.external"]}
     assert loads_of("ctypes.CDLL(str(path))") == ["ctypes.CDLL"]  # the planted breach
