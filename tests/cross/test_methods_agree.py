@@ -91,8 +91,7 @@ def test_every_method_is_in_the_command_line_and_has_its_function() -> None:
     for name in (AUTO, *methods()):
         assert build_parser().parse_args(["solve", "elbow", "--method", name]).method == name
     for method in methods().values():
-        module = import_module(f"flexgen.inversion.methods.{method.module}")
-        assert callable(getattr(module, method.function))
+        assert callable(getattr(import_module(method.module), method.function))
 
 
 def test_weights_and_mesh_are_the_solvers_own() -> None:

@@ -265,9 +265,9 @@ def test_a_wrong_sign_would_be_seen():
 def test_symbolic_equations_share_no_code_with_the_casadi_equations():
     own = {"equations", "chain", "elements", "trigonometric", "printing"}
     for name in own:
-        source = (Path(flexgen.__file__).parent / "closed_form" / f"{name}.py").read_text(encoding="utf-8")
+        source = (Path(flexgen.__file__).parent / "equations_text" / f"{name}.py").read_text(encoding="utf-8")
         assert "import casadi" not in source and "from casadi" not in source
-        assert set(re.findall(r"from flexgen\.closed_form\.(\w+) import", source)) <= own
+        assert set(re.findall(r"from flexgen\.equations_text\.(\w+) import", source)) <= own
         assert "flexgen.mechanics" not in source and "flexgen.recursion" not in source
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from importlib.metadata import version
 
 import pytest
-from emitted_hashes import CHOICES, hashes, read
-from test_generated_elbow import GOLDEN_CASADI
+from emitted_hashes import CHOICES, GOLDEN_CASADI, hashes, read
 
 
 def changes(golden: dict[str, str], today: dict[str, str]) -> list[str]:

@@ -173,7 +173,11 @@ def test_a_refused_controller_has_no_score():
         ("delay_s = 5e-4", "delay_s = 7e-4", "a multiple of the sample time"),
         ('names = ["mass2.inertia_zz"]', 'names = ["mass9.inertia_zz"]', "mass9.inertia_zz"),
         ("torque_max_Nm = [20.0]", "torque_max_Nm = [20.0, 3.0]", "1 motors"),
-        ('type = "cascade"', 'type = "fuzzy"', "given 'fuzzy', expected ppi, cascade, loop_shaping or linear"),
+        (
+            'type = "cascade"',
+            'type = "fuzzy"',
+            "given 'fuzzy', expected one of ppi, cascade, linear, lqg, loop_shaping",
+        ),
         ("[score]", "[score", "cannot be read as TOML"),
     ],
 )
