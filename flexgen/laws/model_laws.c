@@ -178,9 +178,9 @@ static int linearised(const law_shared *s, const double *x, const double *d, dou
  *
  *     s = s_d + g_3 (j_d - j) + g_2 (a_d - a) + g_1 (v_d - v) + g_0 (q_d - q),    u = torque(q, v, a, j, s, q_m, v_m)
  *
- * a, j from the state. Predicted: the state continues over the delay with the torques under way, and from there over half
- * a sample with the torque of the law there. Columns of the table: q_d, v_d, a_d, j_d, s_d where the law is evaluated;
- * predicted: before them the same where the torque begins to act.
+ * a, j from the state. Predicted: the state continues over the delay with the torques under way, and from there over
+ * half a sample with the torque of the law there. Columns of the table: q_d, v_d, a_d, j_d, s_d where the law is
+ * evaluated; predicted: before them the same where the torque begins to act.
  */
 LAW_API int flexgen_law_linearisation(void *self, int64_t k, const double *y, const double *ref, double *u)
 {

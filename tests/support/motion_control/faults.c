@@ -1,8 +1,8 @@
 /*
  * The controller of examples/motion_control under faults, in the loop with its plant: control(NAME) plants the fault at
- * cycle AT and continues for LAST cycles. It prints NAME, cycles from the fault (of a push: from the first torque at its
- * limit) to the first status that is not OK, that status, whether all torques were finite, the largest torque over its
- * limit, the largest step of the reference [rad], and the largest speed of a motor in the last 100 cycles [rad/s].
+ * cycle AT and continues for LAST cycles. It prints NAME, cycles from the fault (of a push: from the first torque at
+ * its limit) to the first status that is not OK, that status, whether all torques were finite, the largest torque over
+ * its limit, the largest step of the reference [rad], and the largest speed of a motor in the last 100 cycles [rad/s].
  */
 #include "motion_control/controller.h"
 #include "motion_control/plant.h"
