@@ -20,7 +20,7 @@ def wrapped(x: np.ndarray) -> np.ndarray:
     return np.asarray((x + np.pi) % (2 * np.pi) - np.pi)
 
 
-@pytest.mark.parametrize("q5", [0.0, 1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("q5", [0.0, 1e-9, *(pytest.param(x, marks=pytest.mark.slow) for x in (1e-6, 1e-3))])
 def test_a_configuration_near_a_wrist_singularity_is_found_once(q5):
     equations = flexgen.derive("manutec_r3")
     rng = np.random.default_rng(7)
@@ -54,6 +54,7 @@ def test_a_configuration_near_singular_wrist_and_elbow_is_found(q5):
     assert sum(np.abs(wrapped(c.q - q)).max() < 1e-5 for c in found) == 1 and max(c.error for c in found) < 1e-11
 
 
+@pytest.mark.slow
 def test_configurations_that_rounding_cannot_separate_are_found_once():
     """1e-10 rad from the singular wrist: four or eight configurations, or one of a family that is flagged."""
     equations = flexgen.derive("manutec_r3")

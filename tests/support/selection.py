@@ -21,6 +21,7 @@ SLOW = (
     "order/",
     "client/test_amalgamation.py",
     "client/test_cross_compile.py",
+    "client/test_extensions.py",
     "client/test_hostile_inversion.py",
     "client/test_hostile_sanitizers.py",
     "client/test_kernel_compilers.py",

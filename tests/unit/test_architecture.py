@@ -540,8 +540,7 @@ def test_planted_import_of_a_variable_is_seen():
         "if TYPE_CHECKING:\n    from flexgen.{other}.laws import Law",
     ],
 )
-@pytest.mark.parametrize("one", WINGS)
-@pytest.mark.parametrize("other", WINGS)
+@pytest.mark.parametrize(("one", "other"), [*zip(WINGS, [*WINGS[1:], WINGS[0]], strict=True), (WINGS[0], WINGS[0])])
 def test_planted_import_of_a_sibling_is_seen(one, other, line):
     texts = sources()
     texts |= {f"flexgen.{name}{end}": "" for name in WINGS for end in ("", ".laws")}
