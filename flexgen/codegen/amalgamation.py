@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 
-from flexgen.codegen.function_files import MATHEMATICS
-
 _INCLUDE = '#include "'
+
+MATHEMATICS = "#else /* the mathematics */"  # the line of a source after which it is
 
 
 def amalgamated(name: str, files: Mapping[str, str]) -> dict[str, str]:

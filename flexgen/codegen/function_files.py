@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
+from flexgen.codegen.amalgamation import MATHEMATICS
 from flexgen.codegen.c_text import count_of, macro, prototype, quoted, size_macro
 from flexgen.codegen.clib_types import CFunction
 from flexgen.codegen.header import tile
@@ -91,9 +92,6 @@ def _defaults(spec: LibrarySpec, function: CFunction) -> str:
         lines += f"    options.{field.name} = {value};\n"
     head = f"{spec.name}_{struct.name} {spec.name}_{function.name}(void)"
     return f"{head}\n{{\n    {spec.name}_{struct.name} options;\n{lines}    return options;\n}}\n\n"
-
-
-MATHEMATICS = "#else /* the mathematics */"  # the line of a source after which it is
 
 
 def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:

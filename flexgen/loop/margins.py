@@ -23,6 +23,7 @@ from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
 from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_class, checked_result
 
+LARGEST_FACTOR = 1e9  # of the loop gain that is tested
 LARGEST_GAIN, GAINS = 100.0, 60
 LARGEST_DELAY, DELAYS = 32.0, 128  # samples; in steps of a quarter
 MOST_LATE = 256  # samples of a delay, each of which is a state
@@ -104,6 +105,10 @@ class LoopAtPose:
         if not (is_number(more_delay_s) and 0 <= more_delay_s <= MOST_LATE * self.sample_s):
             raise ArgumentError(
                 f"more_delay_s: given {shown(more_delay_s)}, expected 0 to {MOST_LATE * self.sample_s} s"
+            )
+        if not (is_number(gain) and abs(gain) <= LARGEST_FACTOR):
+            raise ArgumentError(
+                f"gain: given {shown(gain)}, expected a number from -{LARGEST_FACTOR} to {LARGEST_FACTOR}"
             )
         m, h = self.model, self.sample_s
         F, G = sample_model(m.A, m.B, h, self.delay_s + more_delay_s)

@@ -370,7 +370,7 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
         raise error if str(folder) in str(error) else BuildError(f"{folder}: {error}") from error
     except OSError as error:
         raise BuildError(f"{folder}: given a library that cannot be loaded ({error}); {AGAIN}") from error
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         if isinstance(error, FlexgenError):
             raise BuildError(f"{folder}: {error}; {AGAIN}") from error
         raise BuildError(f"{folder / 'manifest.json'}: given an incomplete manifest ({error!r}); {AGAIN}") from error

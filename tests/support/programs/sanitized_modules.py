@@ -99,8 +99,8 @@ def main(folder: Path, planted: bool) -> None:
     """Everything; with the planted bug the first run under control."""
     c_module.find_compiler = sanitized  # type: ignore[assignment]
     if planted:
-        real = c_module.compiled
-        c_module.compiled = lambda name, text, **more: real(name, text.replace(*PLANTED), **more)  # type: ignore
+        real = c_module.compile_module
+        c_module.compile_module = lambda name, text, **more: real(name, text.replace(*PLANTED), **more)  # type: ignore
     observers(controllers())
     poses(folder)
     print("no error was found")
