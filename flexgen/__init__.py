@@ -161,6 +161,7 @@ _RESULTS = {
 }
 for _group, _targets in {
     "results": _RESULTS,
+    "exports": {verb[7:]: f"{module}:{verb}" for verb, module in _VERBS.items() if verb.startswith("export_")},
     "methods": {
         "discretized": "flexgen.lab.methods:DISCRETIZED",
         "bdf": "flexgen.lab.methods:BDF",

@@ -15,12 +15,14 @@ from dataclasses import replace
 from typing import Any
 
 from flexgen.inversion.method_table import method_names
+from flexgen.registry import names
 from flexgen.simulation.hold_names import HOLDS
 from flexgen.verb_rows import Option, Verb, verbs_of
 
 LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an error needs them
     "METHODS": method_names,
     "HOLDS": lambda: tuple(HOLDS),
+    "LAWS": lambda: names("laws"),
     "AVERAGES": lambda: ("arithmetic", "harmonic", "logarithmic", "h1"),
     "SHELLS": lambda: ("bash", "zsh", "fish"),
     "TEMPLATES": lambda: ("planar", "gantry", "scara", "six-axis"),
@@ -58,7 +60,7 @@ SHARED = """
     free NAME,NAME,... names: parameters: stiffness, damping, q1.stiffness, m1.viscous, delay, sensor_delay,
         torque_constant, ...; default: stiffness, damping and the viscous frictions of the model
 @loop
-    controller NAME: ppi (P-PI cascade, the default), ppi_notch, lqg, none (feedforward only), {CONTROLLERS}
+    controller NAME: ppi (P-PI cascade, the default), ppi_notch, none (feedforward only), {LAWS}, {CONTROLLERS}
     sample_time S positive: of the controller [s]; default: {default}
     delay S not_negative: from a measurement to its torque [s]; default: {default}
     encoder_noise RAD not_negative: of the motor angles [rad]; default: {default}
@@ -414,6 +416,7 @@ def help_of(option: Option, default: Any) -> str:
     text = option.help.replace("{default}", f"{default:g}" if isinstance(default, float) else str(default))
     for name, phrase in PHRASES.items():
         text = text.replace(f"{{{name}}}", phrase)
-    if option.choices in LISTS:
-        text = text.replace(f"{{{option.choices}}}", ", ".join(choices_of(option)))
+    for name, words in LISTS.items():
+        if f"{{{name}}}" in text:
+            text = text.replace(f"{{{name}}}", ", ".join(words()))
     return text

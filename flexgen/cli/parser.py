@@ -34,7 +34,7 @@ examples:
   flexgen check arm.toml                              wrong units and implausible numbers
   flexgen analyze planar5_nmp --pose 0.3 -1.1 0       modes, poles, zeros
   flexgen generate planar5_nmp                        C library in generated/planar5_nmp
-  flexgen generate arm.toml --native --single         for this processor, in single precision
+  flexgen generate arm.toml --native --precision single   for this processor, in single precision
   flexgen solve planar5_nmp --report reports/arm      motor torques of the first move, with report
   flexgen sweep examples/sweep.toml --out out/sweep   many cases, on all cores
   flexgen identify arm.toml frf.npz --out new.toml    elastic parameters from frequency responses

@@ -5,7 +5,7 @@ from __future__ import annotations
 from flexgen.codegen.clib_types import CFunction, Field
 
 _TABLE = (
-    Field("table", "const real *", ("table_size",), "mixed", "of flexgen path --table, or Path.table() in Python"),
+    Field("table", "const real *", ("table_size",), "mixed", "of flexgen plan --out, or Path.table() in Python"),
     Field("table_size", "int64_t", (), "1", "its length"),
 )
 

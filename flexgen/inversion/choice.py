@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
-from flexgen.inversion.method_table import Method, methods
+from flexgen.inversion.method_table import Method, find_method, methods
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import has_kinks
 from flexgen.model.elements import RobotModel
@@ -39,7 +39,8 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
         names += ["bvp", "collocation"]
     if method.name != "full" and robot.n_a <= FULL_LARGEST:
         names.append("full")
-    return tuple(methods()[name] for name in names if problem.limits is None or methods()[name].keeps_limits)
+    found = (find_method(name) for name in names)
+    return tuple(method for method in found if problem.limits is None or method.keeps_limits)
 
 
 def check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:

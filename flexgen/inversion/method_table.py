@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from flexgen.errors import ArgumentError
-from flexgen.registry import extension, names
+from flexgen.registry import extension, names, own_names
 
 AUTO = "auto"  # the method that `flexgen.solve` chooses by itself
 
@@ -103,21 +103,27 @@ BASELINES = (
 
 
 def method_names() -> tuple[str, ...]:
-    """The names of all methods, ``"auto"`` first."""
-    own = [[method.name for method in rows] for rows in (SOLVERS, BASELINES)]
-    return (AUTO, *own[0], *(name for name in names("methods") if name not in own[0] + own[1]), *own[1])
+    """The names of all methods, ``"auto"`` first; those of other packages before the baselines."""
+    own = (*SOLVERS, *BASELINES)
+    more = (name for name in names("methods") if all(name != method.name for method in own))
+    return (AUTO, *(method.name for method in SOLVERS), *more, *(method.name for method in BASELINES))
 
 
-@cache
-def methods() -> dict[str, Method]:
-    """All methods by name: those of this table, and those that are registered, see `flexgen.registry`."""
-    own = {method.name: method for method in (*SOLVERS, *BASELINES)}
-    return {name: own[name] if name in own else _find_method(name) for name in method_names()[1:]}
-
-
-def _find_method(name: str) -> Method:
-    """The row of a registered method; ArgumentError where it is none."""
+def find_method(name: str) -> Method:
+    """The method of a name; one that another room or package has added is imported, all others are not."""
+    for method in (*SOLVERS, *BASELINES):
+        if method.name == name:
+            return method
+    if name not in names("methods"):
+        raise ArgumentError(f"method: given {name!r}, expected one of {', '.join(method_names())}")
     found = extension("methods", name)
     if not isinstance(found, Method) or found.name != name:
         raise ArgumentError(f"entry point {name} of flexgen.methods: given {found!r}, expected a Method of this name")
     return found
+
+
+@cache
+def methods() -> dict[str, Method]:
+    """The methods of flexgen by name."""
+    own = (*SOLVERS, *(find_method(name) for name in own_names("methods")), *BASELINES)
+    return {method.name: method for method in own}

@@ -16,7 +16,7 @@ from flexgen.inversion.bounds import Limits
 from flexgen.inversion.choice import check_applies, default_method, further_methods
 from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.method_table import AUTO, Method, methods
+from flexgen.inversion.method_table import AUTO, Method, find_method
 from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
 from flexgen.inversion.reached import BestSolution, stage_of
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows
@@ -76,8 +76,8 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.inversion.method_table.methods()`, or ``"auto"``: "full" for complete motor coupling and for
-        springs with a kink; "lq" with limits ("full" without a C compiler); else "closed-form" without non-actuated
+        A name of `flexgen.inversion.method_table.method_names`, or ``"auto"``: "full" for complete motor coupling and
+        for springs with a kink; "lq" with limits ("full" without a C compiler); else "closed-form" without non-actuated
         coordinates, and "lq" with them ("collocation" without a C compiler). If it fails, finer meshes are tried, and
         for a minute further methods: "lq" after "closed-form", "bvp" and "collocation" after "lq", and "full" up to 8
         coordinates. ``details["attempts"]`` says why a method was left.
@@ -169,7 +169,7 @@ def _derive(model: str | FilePath | RobotModel | Equations, log: Callable[[str],
 def _found(problem: InversionProblem, method: str, reached: BestSolution) -> Solution:
     """The solution by a method, or by the default method and what it falls back to."""
     robot = problem.equations.model
-    chosen = methods()[default_method(robot, problem.limits) if method == AUTO else method]
+    chosen = find_method(default_method(robot, problem.limits) if method == AUTO else method)
     check_applies(chosen, robot, problem.limits)
     find = _automatic_solution if method == AUTO else _refined
     try:

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
-from flexgen.inversion.method_table import method_names, methods
+from flexgen.inversion.method_table import AUTO, find_method
 
 
 def check_arguments(
@@ -20,8 +20,8 @@ def check_arguments(
     limits: Limits | None,
 ) -> None:
     """ArgumentError where an argument of `solve` has a wrong type or value."""
-    if method not in method_names():
-        raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(method_names())}")
+    if method != AUTO:
+        find_method(method)
     expected = {
         "preview": "zero or a positive time in s",
         "mesh": "a positive time in s",
@@ -39,7 +39,7 @@ def check_arguments(
 
 def without_effect(method: str, preview: float | None, mesh: float | None) -> tuple[str, ...]:
     """Warnings about arguments that the method which found the solution does not use."""
-    given = {"preview": preview, "mesh": mesh} if methods()[method].algebraic else {}
+    given = {"preview": preview, "mesh": mesh} if find_method(method).algebraic else {}
     return tuple(
         f"{name}: given {value:g} s, which has no effect: method {method} computes each sample of the path by itself"
         for name, value in given.items()

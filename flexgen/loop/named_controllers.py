@@ -91,7 +91,7 @@ def _named(text: str, model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[
         notch = Notch(lowest, 0.3, 0.9)
         return PPI(filters=(notch,)), f"ppi with a notch at {notch.frequency_hz:.3g} Hz"
     if text in names("laws"):
-        return extension("laws", text)(), text
+        return _default_law(text), text
     found = file_controller(text)
     if found is None:
         known = ", ".join((*BUILT_IN, *names("laws")))
@@ -100,3 +100,15 @@ def _named(text: str, model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[
             "library, or an object with reset() and step(k, y, ref)"
         )
     return found, Path(text).name
+
+
+def _default_law(name: str) -> Any:
+    """A registered law with its default parameters."""
+    law = extension("laws", name)
+    try:
+        return law()
+    except TypeError as error:
+        raise ArgumentError(
+            f"controller: given {name!r}, which cannot be made without parameters ({error}); give a file .toml with "
+            f'type = "{name}"'
+        ) from error

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import casadi as ca
 
+from flexgen.errors import ArgumentError
 from flexgen.model.elements import (
     BacklashSpring,
     CubicSpring,
@@ -75,7 +76,9 @@ def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
     """
     if type(friction) in FRICTION_TORQUES:
         return FRICTION_TORQUES[type(friction)](friction, w)
-    return friction.torque(w)  # type: ignore[attr-defined]
+    if not hasattr(friction, "torque"):
+        raise ArgumentError(f"friction: given a {type(friction).__name__}, expected a law with a method torque")
+    return friction.torque(w)
 
 
 def _smooth_friction(friction: Friction, w: ca.SX) -> ca.SX:

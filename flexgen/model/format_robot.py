@@ -33,6 +33,7 @@ from flexgen.model.elements import (
     Vector,
 )
 from flexgen.ports import identifier_problem
+from flexgen.registry import added_names
 from flexgen.spec.keys import (
     Context,
     Format,
@@ -254,9 +255,7 @@ class _Laws(Mapping[str, Format]):
 
     def __iter__(self) -> Iterator[str]:
         yield from FRICTION_LAWS
-        from flexgen.model.friction_laws import law_names
-
-        yield from law_names()[len(FRICTION_LAWS) :]
+        yield from (name for name in added_names("frictions") if name not in FRICTION_LAWS)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)

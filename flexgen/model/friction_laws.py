@@ -7,26 +7,20 @@ from pathlib import Path
 
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import FRICTION_LAWS, Friction, RobotModel
-from flexgen.registry import added_names, extension
-
-
-def law_names() -> tuple[str, ...]:
-    """The names of all laws, the default one first."""
-    return (*FRICTION_LAWS, *(name for name in added_names("frictions") if name not in FRICTION_LAWS))
+from flexgen.registry import extension
 
 
 def friction_law(name: str) -> type[Friction]:
-    """The class of a law; ArgumentError where that of another package is none."""
-    law = FRICTION_LAWS.get(name) or extension("frictions", name)
-    if not (isinstance(law, type) and issubclass(law, Friction)):
-        raise ArgumentError(f"entry point {name} of flexgen.frictions: given {law!r}, expected a subclass of Friction")
+    """The law that another package has added under a name; ArgumentError where it is none."""
+    law = extension("frictions", name)
+    if not (isinstance(law, type) and issubclass(law, Friction) and hasattr(law, "torque")):
+        what = f"given {law!r}, expected a subclass of Friction with a method torque"
+        raise ArgumentError(f"entry point {name} of flexgen.frictions: {what}")
     return law
 
 
 def added_sources(model: RobotModel) -> list[Path]:
     """The files with the friction laws of other packages that a model has."""
-    laws = {type(c.dof.friction) for c in model.coordinates if c.dof is not None} | {
-        type(motor.friction) for motor in model.motors
-    }
-    laws -= set(FRICTION_LAWS.values())
-    return sorted(Path(file) for law in laws if (file := getattr(sys.modules.get(law.__module__), "__file__", None)))
+    laws = [c.dof.friction for c in model.coordinates if c.dof is not None] + [m.friction for m in model.motors]
+    modules = [sys.modules.get(type(law).__module__) for law in laws if type(law) not in FRICTION_LAWS.values()]
+    return sorted({Path(file) for module in modules if (file := getattr(module, "__file__", None))})

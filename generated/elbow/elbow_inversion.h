@@ -403,7 +403,7 @@ elbow_status elbow_invert_limited(const elbow_samples *samples, const elbow_real
  *
  * BAD_ARGUMENT: the table is not one of this model, or it is damaged. Stack: at most 11264 bytes.
  *
- *   table      table_size [mixed] of flexgen path --table, or Path.table() in Python
+ *   table      table_size [mixed] of flexgen plan --out, or Path.table() in Python
  *   table_size            [1]     its length
  *   duration   1          [s]     time from rest to rest
  *   q_start    n_a        [mixed] arm coordinates at the start, without deflections
@@ -426,7 +426,7 @@ int64_t elbow_path_work(void);
  * has a bounded number of operations and keeps nothing, so several streams may read one table. BAD_ARGUMENT: the table
  * is not one of this model, or it is damaged. Stack: at most 11264 bytes.
  *
- *   table      table_size [mixed] of flexgen path --table, or Path.table() in Python
+ *   table      table_size [mixed] of flexgen plan --out, or Path.table() in Python
  *   table_size            [1]     its length
  *   t                     [s]     time since the start of the path
  *   y          n_t        [mixed] output; for a pose the position, then the rotation matrix by columns

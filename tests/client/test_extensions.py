@@ -148,4 +148,38 @@ def test_extension_that_cannot_be_imported_is_refused_with_its_name(environment,
     code = "import flexgen; flexgen.export('inertias', 'elbow', 'x')"
     text = run(broken, tmp_path, "-c", code, fails=True)
     assert "entry point inertias = 'stranger:write_inertias'" in text and "planted" in text
-    run(broken, tmp_path, "-c", "import flexgen; flexgen.describe('elbow')")  # what is not used does no harm
+    unused = "import flexgen; flexgen.describe('elbow'); print(flexgen.solve('elbow', progress=False).status)"
+    assert run(broken, tmp_path, "-c", unused).split()[-1] == "solved"  # what is not used does no harm
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "expected"),
+    [
+        (
+            "exports]\nros2 = stranger:write_inertias",
+            "import flexgen; flexgen.export('ros2', 'elbow', 'x')",
+            "given 'ros2'",
+        ),
+        (
+            "frictions]\nhollow = stranger:Hollow",
+            "import flexgen; flexgen.read('elbow', overrides={'motor.m1.friction': {'type': 'hollow'}})",
+            "expected a subclass of Friction with a method torque",
+        ),
+        (
+            "laws]\nneedy = stranger:Needy",
+            "import flexgen; flexgen.control('elbow', controller='needy', progress=False)",
+            "given 'needy', which cannot be made without parameters",
+        ),
+    ],
+)
+def test_extension_of_the_wrong_kind_is_refused(tmp_path, line, code, expected):
+    info = tmp_path / "site" / "stranger-1.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text(f"[flexgen.{line}\n", encoding="utf-8")
+    module = "class Hollow(Friction):\n    pass\nclass Needy(LQG):\n    def __init__(self, rho): pass\n"
+    (tmp_path / "site" / "stranger.py").write_text(MODULE + module, encoding="utf-8")
+    there = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), str(ROOT)])}
+    text = run(there, tmp_path, "-c", code, fails=True)
+    assert expected in text and "ArgumentError" in text
+    assert "gains" in run(there, tmp_path, str(ROOT / "cli.py"), "export", "ros2", "--help")

@@ -114,10 +114,9 @@ def survives(mutant: Mutant, copy: Path) -> bool:
     place = copy / mutant.file.relative_to(ROOT)
     place.write_text(mutant.text, encoding="utf-8")
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", QUICK, *tests],
-            cwd=copy, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, timeout=TIMEOUT_S, check=False,
-        )  # fmt: skip
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", QUICK, *tests]
+        there = {**os.environ, "PYTHONPATH": str(copy)}
+        done = subprocess.run(command, cwd=copy, env=there, capture_output=True, timeout=TIMEOUT_S, check=False)
         return done.returncode in (0, 5)
     except subprocess.TimeoutExpired:
         return False  # it hangs
