@@ -11,7 +11,7 @@ from flexgen.equations_text.equations import symbolic
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.model.output_columns import output_labels
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 TRACKING, SMOOTH, ITERATIONS = 1e6, 1e-8, 1000  # weights and bound that served opty best, of those tried

@@ -15,9 +15,9 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.output_columns import output_labels
 from flexgen.paths.path import Path
-from flexgen.ports import Port
 from flexgen.runtime.library import Library
 from flexgen.simulation.simulate import Simulation, simulate
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 ROBOT, MOVE = "manutec_r3_24", "line"

@@ -112,7 +112,7 @@ _NOUNS = {
     "Plan": "flexgen.identification.experiments.excitation",
     "PlanProblem": "flexgen.planning.problem",
     "PlantRun": "flexgen.loop.result",
-    "Port": "flexgen.ports",
+    "Port": "flexgen.spec.ports",
     "PoseTarget": "flexgen.model.moves",
     "PPI": "flexgen.loop.gains",
     "Program": "flexgen.model.moves",

@@ -108,7 +108,6 @@ from flexgen.planning.problem import plan_problem as plan_problem
 from flexgen.plausibility.check import check as check
 from flexgen.plausibility.finding import Check as Check
 from flexgen.plausibility.finding import Finding as Finding
-from flexgen.ports import Port as Port
 from flexgen.reports.view import view as view
 from flexgen.runtime.calls import Function as Function
 from flexgen.runtime.inverse_kinematics import InverseKinematics as InverseKinematics
@@ -121,6 +120,7 @@ from flexgen.runtime.stream import Stream as Stream
 from flexgen.simulation.hold import TorqueCommand as TorqueCommand
 from flexgen.simulation.result import Simulation as Simulation
 from flexgen.simulation.simulate import simulate as simulate
+from flexgen.spec.ports import Port as Port
 from flexgen.sweeps.cases import Grid as Grid
 from flexgen.sweeps.cases import RandomMove as RandomMove
 from flexgen.sweeps.cases import combinations as combinations

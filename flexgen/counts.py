@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from flexgen.arguments import is_number, is_whole
 from flexgen.errors import ArgumentError
+from flexgen.spec.arguments import is_number, is_whole
 
 CASES = 10_000_000  # of a sweep
 RANDOM_MOVES = 1_000_000

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexgen import trajectory_files
 from flexgen.errors import ArgumentError, ChannelError
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 from flexgen.type_checks import checked_result
 
 

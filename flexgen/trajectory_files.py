@@ -21,7 +21,7 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 LARGEST = 2**30  # bytes of a file, and of the numbers in it, at most
 LINE = 100_000  # characters of a line, at most

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, KeysView, Mapping, Sequence, Set
 from numbers import Real
 from typing import Any, Union
 
-from flexgen.arguments import is_number, is_whole
+from flexgen.spec.arguments import is_number, is_whole
 
 LARGEST = 2**63 - 1  # largest whole number accepted as a count or seed
 UNWRITABLE = "a text in UTF-8 without the character 0"

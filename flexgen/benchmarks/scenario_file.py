@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.linalg import hadamard
 
-from flexgen.arguments import is_number, is_whole
 from flexgen.benchmarks.measures import REST_S
 from flexgen.benchmarks.scenario import FROZEN, NAMES, Accept, Output, Plan, Scenario, Segment, Window
 from flexgen.errors import ArgumentError
@@ -20,6 +19,7 @@ from flexgen.loop.plants import NOMINAL, Plants
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import packaged_models, read
+from flexgen.spec.arguments import is_number, is_whole
 from flexgen.spec.toml_lines import TextError, plain_table
 
 FOLDER = Path(__file__).resolve().parent

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.arguments import is_whole, seed_of
 from flexgen.benchmarks.bench import Bench
 from flexgen.benchmarks.draws import draws_of, secret_seed
 from flexgen.benchmarks.foreign import INSIDE, ForeignController
@@ -33,6 +32,7 @@ from flexgen.loop.interface import Controller
 from flexgen.loop.plants import NOMINAL
 from flexgen.progress import Choice, reported
 from flexgen.registry import registered
+from flexgen.spec.arguments import is_whole, seed_of
 from flexgen.type_checks import checked_result, checked_types
 
 

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from flexgen.arguments import seed_of
 from flexgen.atomic_files import write_text
 from flexgen.benchmarks.bench import Bench
 from flexgen.benchmarks.leaderboard import scenario_controller
@@ -32,6 +31,7 @@ from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.executors import with_executor
 from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
 from flexgen.progress import Choice, reported
+from flexgen.spec.arguments import seed_of
 from flexgen.type_checks import checked_result, checked_types
 
 REFUSED = 10.0  # value of a refused controller, and more for every reason

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable
 
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 
 def comment(text: str, indent: str = " * ") -> str:

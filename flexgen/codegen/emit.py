@@ -17,7 +17,7 @@ from flexgen.codegen.kinematics_header import kinematics_files, kinematics_heade
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText, function_text
-from flexgen.ports import c_name_problem, identifier_problem
+from flexgen.spec.ports import c_name_problem, identifier_problem
 
 SOURCES = "src"  # folder of the private files
 

@@ -12,7 +12,7 @@ from flexgen.codegen.interface import ABI_VERSION, STATUSES, default_of
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 WAYS = 24  # lines that a set of the first cache may hold, about; more results at once push each other out
 

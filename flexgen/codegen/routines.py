@@ -11,10 +11,10 @@ import casadi as ca
 
 from flexgen.errors import BuildError
 from flexgen.expressions.routine import Block, Expressions, Factor, Routine, Solve, Zeros, profile
-from flexgen.ports import Port
 from flexgen.recursion import columns
 from flexgen.recursion.column_functions import around_the_arm, long_chain, shorter_mass_matrix
 from flexgen.recursion.functions import fast_function
+from flexgen.spec.ports import Port
 
 PARAMETERS = "parameters"  # the port with the numbers that may change at run time
 

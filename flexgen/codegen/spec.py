@@ -22,7 +22,7 @@ from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.signatures import FLEXIBLE_JOINT, FUNCTIONS, OPTIONAL, PORTS, TABLE, Row, offered_functions, port
 from flexgen.model.elements import RobotModel
-from flexgen.ports import Port, c_name_problem, identifier_problem
+from flexgen.spec.ports import Port, c_name_problem, identifier_problem
 
 if TYPE_CHECKING:
     from flexgen.expressions.routine import Routine

@@ -33,7 +33,7 @@ from flexgen.model.format_robot import BODY, DOF, PLACEMENT
 from flexgen.model.moves import Move, Program
 from flexgen.model.reader import read
 from flexgen.model.urdf_source import source_files
-from flexgen.ports import identifier_problem
+from flexgen.spec.ports import identifier_problem
 from flexgen.spec.schema import write
 from flexgen.spec.tables import show
 from flexgen.type_checks import checked_types

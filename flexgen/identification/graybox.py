@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.arguments import is_number
 from flexgen.counts import STARTS, count_of, shown
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_free
@@ -27,6 +26,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.trust_region import Fit, minimize
 from flexgen.progress import Choice, reported
+from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_types
 
 COST_LEAST, COST_MOST = 0.5, 2.0  # of a good fit, for one degree of freedom

@@ -14,7 +14,6 @@ import numpy as np
 from flexgen.atomic_files import write_text
 from flexgen.counts import shown
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.explained_status import ExplainedStatus
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import (
     SENSOR_DELAY,
@@ -30,6 +29,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import parse_file, read
 from flexgen.progress import Choice
 from flexgen.registry import registered
+from flexgen.spec.explained_status import ExplainedStatus
 from flexgen.spec.number_edit import with_numbers
 from flexgen.type_checks import checked_result
 

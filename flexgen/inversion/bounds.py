@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.arguments import is_whole
 from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import RobotModel
+from flexgen.spec.arguments import is_whole
 from flexgen.type_checks import checked_class
 
 MOST = 10_000  # motors, and non-actuated coordinates

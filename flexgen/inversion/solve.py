@@ -27,11 +27,11 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.output_columns import output_labels, output_units
 from flexgen.paths.path import named_move
-from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.registry import imported, registered
 from flexgen.simulation.hold_names import HoldName
 from flexgen.simulation.simulate import HELD_KEY
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexgen.explained_status import ExplainedStatus
+from flexgen.spec.explained_status import ExplainedStatus
 
 
 class Status(ExplainedStatus):

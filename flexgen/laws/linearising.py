@@ -19,7 +19,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.laws.bound import COMPUTED_TORQUE, LINEARISATION, BoundLaw
 from flexgen.laws.chain import FORMS, FormName, stable_gains
@@ -31,6 +30,7 @@ from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.signatures import FLEXIBLE_JOINT
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 
 HIGHEST_HZ = 1e5

@@ -25,7 +25,6 @@ from scipy.linalg import LinAlgWarning, block_diag, solve_continuous_are
 from scipy.signal import cont2discrete
 
 from flexgen.analysis.second_order import motor_rows
-from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import Linear
 from flexgen.loop.gains import motor_inertias
@@ -35,6 +34,7 @@ from flexgen.loop.plants import LocalDynamics, check_design
 from flexgen.loop.sampled_model import PoseModels
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
+from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 
 LOWER, LOWERINGS = 0.8, 30  # factors of the crossover frequency that are tried where a loop is unstable

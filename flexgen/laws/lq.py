@@ -19,7 +19,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexgen.arguments import check_positive
 from flexgen.deadline import check_time
 from flexgen.display import short_repr
 from flexgen.loop.controllers import Linear
@@ -28,6 +27,7 @@ from flexgen.loop.plants import check_design
 from flexgen.loop.sampled_model import PoseModel, PoseModels, hold_effects, sample_model
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.riccati import riccati
+from flexgen.spec.arguments import check_positive
 from flexgen.type_checks import checked_class
 
 OUTPUT_SCALE = 1e-3  # m or rad: unit of the output in the cost

@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.laws.bound import JOINT_TORQUE, BoundLaw
 from flexgen.laws.linearising import check_frequency
@@ -24,6 +23,7 @@ from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.model_law import FLAG, GAINS, NUMBER, ModelLaw
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.numerics.evaluate import evaluate
+from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 
 POSES = 40  # of the motion where Tomei's condition is tested

@@ -14,7 +14,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexgen.arguments import is_number
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.laws.lq import regulator, torque_scale
@@ -22,6 +21,7 @@ from flexgen.loop.controllers import Linear
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.model_law import NUMBER, ModelLaw
 from flexgen.loop.sampled_model import PoseModels, sample_model
+from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 
 PARTS = 40  # of the motion with gains of their own

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexgen.arguments import check_positive, is_number, mapping_of
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.sensors import TOOL, Sensor
+from flexgen.spec.arguments import check_positive, is_number, mapping_of
 
 MOTORS, ACCELEROMETER, GYRO, ENCODERS = "motors", "tool_accelerometer", "tool_gyro", "link_encoders"
 ENCODER_NOISE = 1e-4  # rad

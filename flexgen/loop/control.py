@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.arguments import check_not_negative, is_number, mapping_of, seed_of
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
@@ -36,6 +35,7 @@ from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
+from flexgen.spec.arguments import check_not_negative, is_number, mapping_of, seed_of
 from flexgen.type_checks import checked_types
 
 HOLD_S = 2.0  # at rest before the motion: integral parts settle

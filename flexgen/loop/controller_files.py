@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter, Linear, LowPass, Notch
 from flexgen.loop.gains import PPI
@@ -26,6 +25,7 @@ from flexgen.loop.interface import PlugIn, PythonController
 from flexgen.loop.model_law import FLAG, GAINS, NUMBER, TEXT, LinearDesign, ModelLaw
 from flexgen.loop.python_files import LIBRARIES, is_python, object_of_file
 from flexgen.registry import extension, names
+from flexgen.spec.arguments import is_number
 from flexgen.spec.toml_lines import TextError, plain_table
 
 TABLES = ("ppi", "cascade", "linear")

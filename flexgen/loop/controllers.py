@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.arguments import check_positive, is_number, is_whole
 from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.library.c_module import c_module
 from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
+from flexgen.spec.arguments import check_positive, is_number, is_whole
 from flexgen.type_checks import checked_class, checked_types
 
 SOURCE = Path(__file__).with_name("closed_loop.c")

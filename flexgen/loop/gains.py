@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.arguments import is_number
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import Cascade, Filter
@@ -20,6 +19,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.simulation.motor_feedback import MULTIPLES, RIGID_HZ
+from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 
 LATE = 2e-3  # s: sample time and delay of proposed gains, one update of 1 ms each

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.second_order import motor_rows
-from flexgen.arguments import is_number
 from flexgen.counts import shown
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
 from flexgen.model.elements import RobotModel
+from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class, checked_result
 
 LARGEST_FACTOR = 1e9  # of the loop gain that is tested

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.arguments import check_not_negative, check_positive
 from flexgen.model.elements import RobotModel
+from flexgen.spec.arguments import check_not_negative, check_positive
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.arguments import check_not_negative, check_positive, is_number, mapping_of
 from flexgen.counts import shown
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
@@ -28,6 +27,7 @@ from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.spec.arguments import check_not_negative, check_positive, is_number, mapping_of
 
 NOMINAL = "nominal"
 KINDS = ("stiffness", "damping", "friction", "payload")

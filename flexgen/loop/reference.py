@@ -14,10 +14,10 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.inversion.sampling import time_derivative
 from flexgen.paths.path import Path
-from flexgen.ports import Port
 from flexgen.runtime.library import Library
 from flexgen.runtime.path_inversion import Inversion
 from flexgen.simulation.hold import held_torque
+from flexgen.spec.ports import Port
 from flexgen.torque_curve import stated_degree
 from flexgen.trajectory import Trajectory
 

@@ -20,8 +20,8 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.output_columns import output_labels, output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
-from flexgen.ports import Port
 from flexgen.registry import registered
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel

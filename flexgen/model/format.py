@@ -9,7 +9,6 @@ from flexgen.model.elements import Body, Placement
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
-from flexgen.ports import c_name_problem
 from flexgen.spec.keys import (
     Context,
     Format,
@@ -27,6 +26,7 @@ from flexgen.spec.keys import (
     vector,
     words,
 )
+from flexgen.spec.ports import c_name_problem
 from flexgen.spec.schema import table_schema
 from flexgen.spec.tables import IDENTIFIER, Table
 

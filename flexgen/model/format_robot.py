@@ -32,7 +32,6 @@ from flexgen.model.elements import (
     SmoothSpring,
     Vector,
 )
-from flexgen.ports import identifier_problem
 from flexgen.registry import added_names
 from flexgen.spec.keys import (
     Context,
@@ -51,6 +50,7 @@ from flexgen.spec.keys import (
     vector,
     whole,
 )
+from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import Table
 
 HARMONICS = 6  # of a counterbalance

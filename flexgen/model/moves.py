@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
-from flexgen.ports import identifier_problem
+from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import Where as Where
 from flexgen.type_checks import checked_class
 

@@ -20,8 +20,8 @@ from flexgen.model.templates.joint_defaults import EVERY, merged
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
 from flexgen.model.urdf_source import find_urdf
-from flexgen.ports import c_name_problem, identifier_problem
 from flexgen.spec.keys import Context
+from flexgen.spec.ports import c_name_problem, identifier_problem
 from flexgen.spec.tables import Table, as_number, bare, show
 from flexgen.spec.toml_lines import Entry, wrap
 

@@ -16,10 +16,10 @@ from flexgen.errors import CHANGED, ArgumentError, ModelError
 from flexgen.model.elements import RobotModel
 from flexgen.model.format import MODEL, VARIANT
 from flexgen.model.urdf_source import from_here, plain_urdf
-from flexgen.ports import identifier_problem
 from flexgen.spec import toml_lines
 from flexgen.spec.keys import Context
 from flexgen.spec.keys import read as read_table
+from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import Table, closest, entry_name, show
 from flexgen.spec.toml_lines import Entry
 from flexgen.type_checks import checked_types

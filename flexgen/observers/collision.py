@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.arguments import check_positive, is_number
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.library.c_module import c_module
 from flexgen.library.model_library import library_with
 from flexgen.model.elements import RobotModel
+from flexgen.spec.arguments import check_positive, is_number
 from flexgen.type_checks import checked_class, checked_result
 
 SOURCE = Path(__file__).with_name("collision.c")

@@ -19,7 +19,6 @@ import numpy as np
 from scipy.linalg import expm
 
 from flexgen.analysis.second_order import motor_rows
-from flexgen.arguments import is_whole
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
@@ -37,6 +36,7 @@ from flexgen.observers.design import (
     record,
     state_names,
 )
+from flexgen.spec.arguments import is_whole
 from flexgen.type_checks import checked_class, checked_types
 
 SOURCE = Path(__file__).with_name("constant_gain.c")

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.arguments import is_number
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.library.c_module import c_module
@@ -41,6 +40,7 @@ from flexgen.observers.design import (
     vector,
 )
 from flexgen.runtime.calls import Function
+from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class, checked_result, checked_types
 
 SOURCE = Path(__file__).with_name("extended_kalman.c")

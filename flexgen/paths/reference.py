@@ -8,13 +8,13 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from flexgen.arguments import is_whole
 from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.jets import JET, ORDER, Attitude
+from flexgen.spec.arguments import is_whole
 from flexgen.type_checks import checked_result, checked_types
 
 

@@ -28,7 +28,6 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
-from flexgen.arguments import is_number, is_whole, mapping_of, seed_of
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
@@ -50,6 +49,7 @@ from flexgen.paths.path import Path
 from flexgen.performance.smoother import PathSmoother, acting
 from flexgen.progress import Choice, reported
 from flexgen.registry import registered
+from flexgen.spec.arguments import is_number, is_whole, mapping_of, seed_of
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
 

@@ -20,7 +20,6 @@ from pathlib import Path as FilePath
 from time import perf_counter, process_time
 from typing import Any
 
-from flexgen.arguments import check_not_negative, check_positive, is_whole
 from flexgen.deadline import OutOfTime, running
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
@@ -33,6 +32,7 @@ from flexgen.paths.path import Path, check_range, named_move
 from flexgen.performance.rigid_time import rigid_time
 from flexgen.performance.time_search import TimeSearch
 from flexgen.progress import Choice, reported
+from flexgen.spec.arguments import check_not_negative, check_positive, is_whole
 from flexgen.type_checks import checked_result, checked_types
 
 COEFFICIENTS = 16

@@ -19,13 +19,13 @@ from pathlib import Path as FilePath
 import numpy as np
 from scipy.signal import butter, filtfilt
 
-from flexgen.arguments import is_number
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.spec.arguments import is_number
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
 

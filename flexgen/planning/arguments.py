@@ -6,8 +6,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from flexgen.arguments import check_not_negative, check_positive, is_number, is_whole
 from flexgen.errors import ArgumentError
+from flexgen.spec.arguments import check_not_negative, check_positive, is_number, is_whole
 
 HessianName = Literal["auto", "exact", "gauss-newton"]
 HESSIANS: tuple[HessianName, ...] = get_args(HessianName)

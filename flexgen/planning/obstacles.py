@@ -8,11 +8,11 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from flexgen.arguments import check_not_negative, check_positive, is_number
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.planning.arguments import numbers_of
+from flexgen.spec.arguments import check_not_negative, check_positive, is_number
 from flexgen.type_checks import checked_class
 
 SAME = 1e-9  # m: corners of the chain that are as close are one point

@@ -9,13 +9,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexgen.arguments import check_not_negative, is_number
 from flexgen.counts import shown
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.transcription import Transcription
 from flexgen.planning.arguments import numbers_of
 from flexgen.planning.signals import Signals, compared
+from flexgen.spec.arguments import check_not_negative, is_number
 from flexgen.type_checks import checked_class, checked_types
 
 WHERE = ("path", "start", "end")

@@ -21,7 +21,6 @@ from typing import Literal, get_args
 import casadi as ca
 import numpy as np
 
-from flexgen.arguments import check_positive
 from flexgen.deadline import running
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
@@ -44,6 +43,7 @@ from flexgen.planning.result import make_solution
 from flexgen.planning.start import Parameter, check_rest, scales, start_of
 from flexgen.planning.transcribe import Layout, blocks_of, links
 from flexgen.progress import Choice, reported
+from flexgen.spec.arguments import check_positive
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_class, checked_types
 

@@ -25,10 +25,10 @@ from flexgen.planning import reference_curve
 from flexgen.planning.blocks import Program
 from flexgen.planning.phase import Phase
 from flexgen.planning.transcribe import Layout
-from flexgen.ports import Port
 from flexgen.simulation.figures import both_measured
 from flexgen.simulation.hold import command_in
 from flexgen.simulation.simulate import simulate
+from flexgen.spec.ports import Port
 from flexgen.torque_curve import POLYNOMIALS, SAMPLES
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 PARAMETERS = "parameters"  # the port that has one vector for all points, and that may be left out
 _SINGLE = np.dtype(np.float32)

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
-from flexgen.ports import Port
 from flexgen.runtime.arguments import (
     PARAMETERS,
     address,
@@ -30,6 +29,7 @@ from flexgen.runtime.arguments import (
     stored,
 )
 from flexgen.runtime.files import AGAIN
+from flexgen.spec.ports import Port
 from flexgen.type_checks import checked_types
 
 _MOST_POINTS = 2 ** (8 * ctypes.sizeof(ctypes.c_int) - 1) - 1

@@ -15,7 +15,6 @@ import numpy as np
 
 from flexgen import errors
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
-from flexgen.ports import Port, c_name_problem
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_library
@@ -26,6 +25,7 @@ from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
 from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
+from flexgen.spec.ports import Port, c_name_problem
 from flexgen.type_checks import checked_methods, checked_types
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")

@@ -31,10 +31,10 @@ from numpy.polynomial.legendre import leggauss
 from scipy.interpolate import PPoly, make_interp_spline
 from scipy.linalg import solve_banded
 
-from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
-from flexgen.ports import Port
 from flexgen.simulation.hold_names import HOLDS, HoldName
+from flexgen.spec.arguments import is_number
+from flexgen.spec.ports import Port
 from flexgen.torque_curve import (
     POLYNOMIALS,
     SAMPLES,

@@ -34,13 +34,13 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.output_columns import output_labels, output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
-from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.simulation.hold import SAME, TorqueCommand, command_in
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.simulation.result import Simulation
 from flexgen.simulation.run import Input, Run, run
 from flexgen.simulation.start import start_state
+from flexgen.spec.ports import Port
 from flexgen.torque_curve import side_by_side, spline, then_constant, torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from flexgen.ports import identifier_problem
+from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import IDENTIFIER, LARGEST, Table, closest
 
 Schema = dict[str, Any]

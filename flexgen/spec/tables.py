@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexgen.errors import ModelError
-from flexgen.ports import identifier_problem
+from flexgen.spec.ports import identifier_problem
 from flexgen.spec.toml_lines import Entry, unwrap
 
 IDENTIFIER = "^(?!.*__)[A-Za-z][A-Za-z0-9_]{0,30}$"  # as identifier_problem

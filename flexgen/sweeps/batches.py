@@ -17,8 +17,8 @@ from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.time_laws import TimeLaw
-from flexgen.ports import Port
 from flexgen.runtime import load
+from flexgen.spec.ports import Port
 from flexgen.sweeps.closed_form_batch import InverseDynamics, JointMoves, Peaks, unfit
 from flexgen.sweeps.jobs import Job, Row, Shard, failed_row
 from flexgen.trajectory import Trajectory

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.arguments import mapping_of
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import CASES, RANDOM_MOVES, count_of, shown
 from flexgen.display import short_repr
@@ -23,6 +22,7 @@ from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.paths.time_laws import TimeLaw
+from flexgen.spec.arguments import mapping_of
 from flexgen.type_checks import checked_class, checked_types
 
 OPTIONS = (

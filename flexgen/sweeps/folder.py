@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flexgen.arguments import is_whole
 from flexgen.atomic_files import followed, unwritable, write_text
 from flexgen.errors import ArgumentError
+from flexgen.spec.arguments import is_whole
 from flexgen.sweeps.cases import Grid
 from flexgen.sweeps.jobs import Rows
 from flexgen.sweeps.table import RESULTS, TIMES, are_rows

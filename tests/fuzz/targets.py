@@ -15,7 +15,7 @@ from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.library import generate
 from flexgen.library.directory import read_manifest
 from flexgen.paths.sample_files import read_samples
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 ROOT = Path(__file__).resolve().parents[2]
 LINKED = "linked"  # a folder among the seeds: what a mutated file refers to, unchanged

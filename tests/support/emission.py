@@ -16,7 +16,7 @@ from flexgen.codegen.emit import emit
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec, library_spec
 from flexgen.expressions.routine import Expressions, Routine
 from flexgen.mechanics.equations import derive
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 WARNINGS = ("-pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror").split()

@@ -12,12 +12,12 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.output_columns import output_labels
 from flexgen.paths.path import Path
-from flexgen.ports import Port
 from flexgen.runtime.library import Library
 from flexgen.runtime.stream import Interval, Stream
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation
 from flexgen.simulation.simulate import simulate
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 UPDATE, AHEAD, PARTS = 5e-3, 20, 5  # s, intervals, samples in each

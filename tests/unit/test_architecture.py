@@ -41,7 +41,6 @@ WINGS = (
 # A room (module or package below flexgen) imports from its own room and from rooms on lower floors only; rooms on the
 # ground floor may use each other.
 FLOORS = {
-    "arguments": 0,
     "array_files": 0,
     "atomic_files": 0,
     "counts": 0,
@@ -50,10 +49,8 @@ FLOORS = {
     "display": 0,
     "errors": 0,
     "executors": 0,
-    "explained_status": 0,
     "interpolation": 0,
     "npz_files": 0,
-    "ports": 0,
     "spec": 0,
     "progress": 0,
     "registry": 0,
@@ -89,10 +86,10 @@ FLOORS = {
     "__main__": 17,
 }
 
-WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
+WITHOUT_CASADI = ["errors", "spec", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only
 HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
-RUNTIME_NEEDS = {"runtime", "arguments", "counts", "errors", "ports", "type_checks", "types_of_values"}
+RUNTIME_NEEDS = {"runtime", "counts", "errors", "spec", "type_checks", "types_of_values"}
 RUNTIME_NEEDS |= {"", "registry", "version"}  # the package itself, which is imported with its modules
 
 # Modules that import what a variable names: a name from a table that another module has handed down, or a user's file.
@@ -579,7 +576,7 @@ def test_sizes_at_the_limit_are_allowed():
 @pytest.mark.parametrize(
     ("module", "line", "rooms"),
     [
-        ("flexgen.ports", "import casadi as ca", WITHOUT_CASADI),
+        ("flexgen.spec.ports", "import casadi as ca", WITHOUT_CASADI),
         ("flexgen.model", "from casadi import SX", WITHOUT_CASADI),  # a package is imported with its modules
         ("flexgen.errors", "import numpy.linalg", INSTANT),
         ("flexgen.cli.result", "try:\n    import scipy.linalg\nexcept ImportError:\n    pass", INSTANT),

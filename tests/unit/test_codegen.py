@@ -24,8 +24,8 @@ from flexgen.mechanics.dynamics import MOTION
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.signatures import offered_functions
 from flexgen.model.reader import model_names, read
-from flexgen.ports import Port
 from flexgen.runtime import load
+from flexgen.spec.ports import Port
 
 pytestmark = needs_compiler
 

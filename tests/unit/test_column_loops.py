@@ -24,7 +24,7 @@ from flexgen.expressions.routine import (
     Sums,
     Zeros,
 )
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off")
 POINTS = 37  # no multiple of any number of lanes

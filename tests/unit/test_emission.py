@@ -17,7 +17,7 @@ from flexgen.expressions.literals import literal
 from flexgen.expressions.routine import Block, Expressions, Products, Routine, Rows, Solve, profile
 from flexgen.expressions.schedule import order_by_depth, schedule_nodes
 from flexgen.expressions.simplify import simplify_graph
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 ROUNDING = 1e-13  # of some twenty roundings in another order, relative to the largest term
 POINTS = 37  # no multiple of any number of lanes

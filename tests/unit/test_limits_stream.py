@@ -27,9 +27,9 @@ from flexgen.library.compiler import find_compiler
 from flexgen.model.output_columns import output_labels
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
-from flexgen.ports import Port
 from flexgen.runtime.stream import Interval
 from flexgen.simulation.simulate import simulate
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler

@@ -14,7 +14,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError, ModelError
-from flexgen.ports import Port, c_name_problem, identifier_problem
+from flexgen.spec.ports import Port, c_name_problem, identifier_problem
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = f"{ROOT / 'tests/support/urdf/two_link.urdf'}#ground:tip"

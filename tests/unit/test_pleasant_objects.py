@@ -17,7 +17,7 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import derive
 from flexgen.numerics.evaluate import evaluate
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 

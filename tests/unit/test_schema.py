@@ -18,7 +18,7 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import overlay as overlay_module
 from flexgen.model import reader, task_files
 from flexgen.model.format import MODEL
-from flexgen.ports import identifier_problem
+from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import IDENTIFIER, Table
 from flexgen.spec.toml_lines import Entry
 

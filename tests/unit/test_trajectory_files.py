@@ -16,7 +16,7 @@ from npz_lies import array_bytes, claiming, packed
 
 from flexgen import npz_files, trajectory_files
 from flexgen.errors import ArgumentError, ChannelError
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 

@@ -28,7 +28,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
-from flexgen.ports import Port
+from flexgen.spec.ports import Port
 
 METHODS = {"rk4": 1, "sdirk4": 2}  # numbers of flexgen_fmu_plant.h
 PAYLOAD = ("payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")

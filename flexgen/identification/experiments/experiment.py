@@ -16,7 +16,6 @@ import numpy as np
 
 from flexgen import array_files
 from flexgen.analysis import second_order
-from flexgen.arguments import seed_of
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import count_of
 from flexgen.errors import ArgumentError
@@ -31,6 +30,7 @@ from flexgen.loop.controllers import LowPass, Notch
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.spec.arguments import seed_of
 from flexgen.type_checks import checked_result, checked_types
 
 LARGEST = 1e100  # of a spectrum in a file

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexgen.explained_status import ExplainedStatus
+from flexgen.spec.explained_status import ExplainedStatus
 
 BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
 STEP = 1e-6  # relative, of differences

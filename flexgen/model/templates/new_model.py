@@ -18,7 +18,7 @@ from flexgen.model.reader import read
 from flexgen.model.urdf import Urdf
 from flexgen.model.urdf_chain import MOVING
 from flexgen.model.urdf_source import PACKAGE, located
-from flexgen.ports import c_name_problem
+from flexgen.spec.ports import c_name_problem
 from flexgen.spec.tables import bare
 
 TEMPLATES = ("planar", "gantry", "scara", "six-axis")
