@@ -97,6 +97,7 @@ def test_it_agrees_with_the_other_methods(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PLANAR)
+@pytest.mark.slow
 def test_the_tool_stays_on_the_path(name: str) -> None:
     """On a mesh of 10 ms within 0.15 um, of 5 ms within 0.009 um."""
     for mesh, most in ((1e-2, 0.15 * MICRON), (5e-3, 0.009 * MICRON)):
@@ -182,6 +183,7 @@ def test_options_that_it_does_not_know_are_refused() -> None:
         bvp.solve(replace(question("planar5_mp"), options={"weight": 1}), 5e-3)
 
 
+@pytest.mark.slow
 def test_the_library_offers_it() -> None:
     library = loaded("planar5_nmp", "bvp")
     answer = library.bvp(**given())
@@ -249,6 +251,7 @@ def call(folder: FilePath) -> tuple[int, np.ndarray]:
 
 
 @pytest.mark.parametrize("bug", PLANTED)
+@pytest.mark.slow
 def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
     folder = FilePath(shutil.copytree(made("planar5_nmp", "bvp").directory, tmp_path / "planted"))
     right = loaded("planar5_nmp").invert(**given())

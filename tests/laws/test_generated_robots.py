@@ -49,6 +49,7 @@ def test_a_seed_gives_one_robot(tmp_path: Path) -> None:
 
 
 @needs_robots
+@pytest.mark.slow
 def test_the_robots_cover_every_kind_of_element(tmp_path: Path) -> None:
     """The share of solved moves is worth what the robots contain."""
     assert FOLDER is not None

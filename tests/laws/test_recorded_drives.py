@@ -49,6 +49,7 @@ def changed(path: Path, name: str, *pairs: tuple[str, str]) -> Path:
     return path.with_name(name)
 
 
+@pytest.mark.slow
 def test_recordings_with_their_drives_are_simulated_as_the_experiment(recorded, tmp_path):
     """The same residuals of a model with other springs; also after a way through a file."""
     experiment, path = recorded

@@ -108,6 +108,7 @@ def robot_simulation() -> Simulation:
     return simulation
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_compiler_for_the_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     ours = robot_simulation()
     monkeypatch.setattr(run, "compiled_rate", lambda function, progress: None)

@@ -96,6 +96,7 @@ def test_the_tool_follows_where_one_stream_takes_over_from_another(name, move, a
     assert error(one.simulation(t, results)) > 1e-4
 
 
+@pytest.mark.slow
 def test_a_short_horizon_is_reported():
     """An arm with a slow unstable zero: what the horizon does not contain is a torque step, or a residual."""
     first = updates(moving("planar5_nmp@soft", None, 40), "planar5_nmp@soft", None, 40, 2)

@@ -87,6 +87,7 @@ def test_one_pose_is_not_enough():
         structure(model, one, progress=False)
 
 
+@pytest.mark.slow
 def test_the_command_line_prints_changes(tmp_path, capsys):
     model = without_coulomb("planar5_nmp")
     measured(model, model).save(tmp_path / "frf.npz")

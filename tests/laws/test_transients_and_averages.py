@@ -93,6 +93,7 @@ def test_too_few_periods_for_a_polynomial_are_refused() -> None:
         flexgen.frf(flexgen.measure(plan, model), transients=True)
 
 
+@pytest.mark.slow
 def test_h1_without_noise_is_the_mean() -> None:
     model = without_coulomb("planar5_nmp")
     plan = flexgen.excite(model, poses=poses_of(model, 2), speed_rms=0.005, f_max=100.0, realizations=2)
@@ -164,6 +165,7 @@ def test_a_motion_without_period_is_estimated_with_a_warning(tmp_path: Path) -> 
     assert np.quantile(error, 0.9) < 0.15
 
 
+@pytest.mark.slow
 def test_recordings_keep_the_spectra_beside_the_lines(tmp_path: Path) -> None:
     model = without_coulomb("planar5_nmp")
     plan = flexgen.excite(

@@ -61,6 +61,7 @@ def test_wrong_values_are_refused_with_the_name_of_the_argument(verb, name):
         assert name.partition("_")[0].rstrip("s") in str(caught.value), (value, str(caught.value))
 
 
+@pytest.mark.slow
 def test_numbers_of_numpy_are_numbers():
     """Scalars and arrays without dimensions; generators and dict views of disturbances; a seed of numpy."""
     push = {"a": flexgen.Disturbance("pulse", "m1", 1.0, 0.1, 0.05)}

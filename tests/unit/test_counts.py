@@ -62,9 +62,13 @@ def test_a_period_of_an_excitation_beyond_ten_million_samples_is_refused(period)
         excite("elbow", period_s=period)
 
 
+@pytest.fixture(scope="module")
+def plan():
+    return excite("elbow", poses=1, period_s=0.5, lines=5, progress=False)
+
+
 @pytest.mark.parametrize("steps", [-1, 0, 10**9, 10**400, 2.5])
-def test_steps_of_a_measurement_out_of_range_are_refused(steps):
-    plan = excite("elbow", poses=1, period_s=0.5, lines=5, progress=False)
+def test_steps_of_a_measurement_out_of_range_are_refused(steps, plan):
     with pytest.raises(ArgumentError, match=r"steps: given .*, expected a whole number from 1 to 1000"):
         measure(plan, steps=steps, progress=False)
 

@@ -200,6 +200,7 @@ def test_a_bad_move_has_no_neighbours() -> None:
     assert len({table.digest for table in tables}) == 1
 
 
+@pytest.mark.slow
 def test_limits_have_the_same_messages_as_in_solve() -> None:
     model = read("manutec_r3", overrides={"motor.m1.torque_max": 0.5, "motor.m2.speed_max": 1.0})
     move = Move("fast", "joint", model.home, 0.5, 5, end=tuple(q + 1.0 for q in model.home))
