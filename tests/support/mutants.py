@@ -1,9 +1,10 @@
-"""Mutants: one changed operator, constant or condition on a line drawn at random; do the quick tests of its room fail?
+"""Mutants: one changed operator, constant or condition on a line drawn at random; does a quick test fail?
 
     python tests/support/mutants.py --count 200 --seed 1
 
-The tests of a room are the files that name its module, then those that name another module of its room. A mutant
-survives where all of them pass, or where there is none. The source is changed in a copy only.
+The quick tests run once in a copy whose functions report which test calls them. The tests of a mutant are the files
+that call its function, those that name its module or its room first; of a line outside functions, the files that name
+it. A mutant survives where all of them pass, or where there is none. The source is changed in copies only.
 """
 
 from __future__ import annotations
@@ -26,6 +27,17 @@ COMPARED |= {ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in"}
 COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.MatMult: "*", ast.Pow: "*"}
 QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
 MOST_FILES, TIMEOUT_S = 12, 240
+HITS = """import os
+_seen = set()
+
+
+def hit(number):
+    test = os.environ.get("PYTEST_CURRENT_TEST", "").partition("::")[0]
+    if test and (number, test) not in _seen:
+        _seen.add((number, test))
+        with open(os.path.join(os.environ["MUTANT_HITS"], str(os.getpid())), "a") as file:
+            file.write(f"{number} {test}\\n")
+"""
 
 
 @dataclass(frozen=True)
@@ -96,19 +108,68 @@ def drawn(count: int, seed: int) -> list[Mutant]:
     return list(islice((mutant for mutant in found if _compiles(mutant.text)), count))
 
 
-def tests_of(file: Path) -> list[str]:
-    """The test files of a module, then those of its room."""
-    module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+def function_of(mutant: Mutant) -> ast.FunctionDef | None:
+    """The innermost function around a mutant; None for a line outside functions, defaults and decorators."""
+    inside = [
+        node
+        for node in ast.walk(ast.parse(mutant.file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef) and node.body[0].lineno <= mutant.line <= (node.end_lineno or 0)
+    ]
+    return max(inside, key=lambda node: node.lineno, default=None)
+
+
+def report_calls(mutants: list[Mutant], copy: Path) -> None:
+    """Make the functions of the mutants in the copy report their calls."""
+    added: dict[Path, dict[int, str]] = {}
+    for number, mutant in enumerate(mutants):
+        function = function_of(mutant)
+        if function is not None:
+            first = function.body[0]
+            described = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and len(function.body) > 1
+            first = function.body[1] if described else first
+            line = f"{' ' * first.col_offset}__import__('mutant_hits').hit({number})\n"
+            lines = added.setdefault(mutant.file, {})
+            lines[first.lineno] = lines.get(first.lineno, "") + line
+    for file, lines in added.items():
+        text = file.read_text(encoding="utf-8").splitlines(keepends=True)
+        new = "".join(lines.get(number, "") + line for number, line in enumerate(text, 1))
+        (copy / file.relative_to(ROOT)).write_text(new, encoding="utf-8")
+    (copy / "mutant_hits.py").write_text(HITS, encoding="utf-8")
+
+
+def callers(mutants: list[Mutant], copy: Path, workers: int) -> dict[int, set[str]]:
+    """The test files that call the function of each mutant, by its number."""
+    report_calls(mutants, copy)
+    hits = copy / "hits"
+    hits.mkdir()
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", str(workers), "-m", QUICK]
+    there = {**os.environ, "PYTHONPATH": str(copy), "MUTANT_HITS": str(hits)}
+    subprocess.run(command, cwd=copy, env=there, stdout=subprocess.DEVNULL, check=False)
+    found: dict[int, set[str]] = {}
+    for file in hits.iterdir():
+        for line in file.read_text(encoding="utf-8").splitlines():
+            number, _, test = line.partition(" ")
+            found.setdefault(int(number), set()).add(test)
+    for mutant in mutants:
+        shutil.copy(mutant.file, copy / mutant.file.relative_to(ROOT))
+    return found
+
+
+def tests_of(mutant: Mutant, calling: set[str]) -> list[str]:
+    """The test files of a mutant: those that name its module, then its room, then the other ones that call it."""
+    module = ".".join(mutant.file.relative_to(ROOT).with_suffix("").parts)
     room = ".".join(module.split(".")[:2])
     texts = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py"))}
-    own = [path for path, text in texts.items() if module in text]
-    near = [path for path, text in texts.items() if room in text and path not in own]
-    return [str(path.relative_to(ROOT)) for path in (*own, *near)[:MOST_FILES]]
+    names = {path.relative_to(ROOT).as_posix(): (module not in text, room not in text) for path, text in texts.items()}
+    if function_of(mutant) is None:
+        chosen = [name for name, (_, far) in names.items() if not far]
+    else:
+        chosen = [name for name in names if name in calling]
+    return sorted(chosen, key=lambda name: names[name])[:MOST_FILES]
 
 
-def survives(mutant: Mutant, copy: Path) -> bool:
-    """Whether the quick tests pass with the mutant in the copy."""
-    tests = tests_of(mutant.file)
+def survives(mutant: Mutant, tests: list[str], copy: Path) -> bool:
+    """Whether these tests pass with the mutant in the copy."""
     if not tests:
         return True
     place = copy / mutant.file.relative_to(ROOT)
@@ -129,17 +190,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2, help="of the run that finds the tests of each mutant")
     given = parser.parse_args()
     killed = 0
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"
         hidden = shutil.ignore_patterns(".git", ".venv", "build", "__pycache__")
         shutil.copytree(ROOT, copy, ignore=hidden, symlinks=True)
-        for number, mutant in enumerate(drawn(given.count, given.seed), 1):
-            alive = survives(mutant, copy)
+        mutants = drawn(given.count, given.seed)
+        print("one run of the quick tests, to find the tests of each mutant", flush=True)
+        calling = callers(mutants, copy, given.workers)
+        for number, mutant in enumerate(mutants, 1):
+            tests = tests_of(mutant, calling.get(number - 1, set()))
+            alive = survives(mutant, tests, copy)
             killed += not alive
             place = f"{mutant.file.relative_to(ROOT)}:{mutant.line}"
-            print(f"{'SURVIVES' if alive else 'killed'} {place}: {mutant.before} -> {mutant.after}", flush=True)
+            verdict = f"SURVIVES {len(tests)} test files" if alive else "killed"
+            print(f"{verdict} {place}: {mutant.before} -> {mutant.after}", flush=True)
             print(f"  {killed} of {number} killed, {100 * killed / number:.0f} %", flush=True)
 
 
