@@ -117,7 +117,8 @@ STEP = 2.0**-30  # relative change of the inputs that tells how much the results
 def test_the_native_build_differs_by_rounding(name):
     """N operations that round otherwise: N eps times the result and what a relative error of the inputs becomes."""
     reproducible = load(made(name).directory)
-    native = load(generate(name, _folder() / f"{name}_native", native=True).directory)
+    used = list(reproducible.functions)
+    native = load(generate(name, _folder() / f"{name}_native", functions=used, native=True).directory)
     x = states(name)
     rng = np.random.default_rng(3)
     moved = {key: value * (1 + STEP * rng.choice([-1.0, 1.0], size=value.shape)) for key, value in x.items()}
@@ -176,7 +177,7 @@ def test_the_stack_of_the_header_is_sufficient(name, precision, target, tmp_path
         "-ffp-contract=off",
         "-fstack-usage",
         "-c",
-        *sources(folder),
+        *clients.point_sources(folder),
         folder=tmp_path,
     )
     manual = (folder / f"{name}.h").read_text(encoding="ascii").replace("\n * ", " ")  # lines of a comment

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from selection import slow
 
 from flexgen.cli.main import main
 from flexgen.cli.parser import parse
@@ -107,8 +108,14 @@ def broken_links(page: Path) -> list[str]:
 
 
 # --- code -------------------------------------------------------------------------------------------------------------
+def alone(page: Path) -> bool:
+    """Whether a page has Python, and no other test runs all of it: where its tests are slow, they run it once."""
+    twice = page in marked("slow") and slow("client/test_docs.py", page_id(page))
+    return bool(blocks(page.read_text("utf-8"), "python")) and not twice
+
+
 @needs_compiler
-@pytest.mark.parametrize("page", [page for page in CODE if blocks(page.read_text("utf-8"), "python")], ids=page_id)
+@pytest.mark.parametrize("page", [page for page in CODE if alone(page)], ids=page_id)
 def test_python_of_the_pages_runs(page, tmp_path):
     runs(page, tmp_path, ("",))
 

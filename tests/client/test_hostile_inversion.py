@@ -44,7 +44,7 @@ from flexgen.numerics.evaluate import evaluate
 pytestmark = needs_compiler
 
 SEED = 20261120
-CALLS, UPDATES = 700, 300
+CALLS, UPDATES = 400, 300
 STEPS = 25  # of the solver, at most
 ON_PATH = 1e-8  # m, rad: of the tool at the samples, relative to the size of y
 SAMPLED = 1e2  # tolerances that OK allows at the samples, where the mesh meets one

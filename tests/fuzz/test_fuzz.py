@@ -48,8 +48,8 @@ def test_few_mutations_are_read_or_refused(target, seeds):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
-def test_a_thousand_mutations_are_read_or_refused(target, seeds):
-    findings = run_cases(target, seeds(target), QUICK, SLOW)
+def test_many_mutations_are_read_or_refused(target, seeds):
+    findings = run_cases(target, seeds(target), QUICK, SLOW // 3 if target == "identification" else SLOW)  # 40 ms each
     assert not findings, show(findings)
 
 

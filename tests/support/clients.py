@@ -288,12 +288,19 @@ def answer(command: list[str], given: bytes, folder: Path) -> bytes:
     return done.stdout
 
 
+def point_sources(folder: Path) -> list[Path]:
+    """The sources of the functions of a point, without those of whole paths, which take longer to compile."""
+    manifest = manifest_of(folder)
+    stems = [manifest["name"], *(f"{manifest['name']}_{f['name']}" for f in manifest["functions"])]
+    return [folder / "src" / f"{stem}.c" for stem in sorted(stems)]
+
+
 def built(folder: Path, work: Path, compiler: str, *flags: str, **options: Any) -> Path:
-    """The program of a library's folder, compiled with its sources."""
+    """The program of a library's folder, compiled with the sources of its functions of a point."""
     work.mkdir(parents=True, exist_ok=True)
     (work / "client.c").write_text(program(manifest_of(folder), **options), encoding="ascii")
-    sources = sorted(str(path) for path in (folder / "src").glob("*.c"))
-    words = [compiler, "-std=c99", "-D_POSIX_C_SOURCE=200809L", *flags, f"-I{folder}", "client.c", *sources]
+    files = [str(path) for path in point_sources(folder)]
+    words = [compiler, "-std=c99", "-D_POSIX_C_SOURCE=200809L", *flags, f"-I{folder}", "client.c", *files]
     words += ["-pthread"] * (options.get("threads", 1) > 1)
     done = subprocess.run([*words, "-lm", "-o", "client"], cwd=work, capture_output=True, text=True, check=False)
     assert done.returncode == 0, (words, done.stderr[:4000])
