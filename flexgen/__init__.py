@@ -49,7 +49,7 @@ _VERBS = {
     "export_simulink": "flexgen.exports.simulink.export",
     "export_mujoco": "flexgen.exports.mujoco",
     "export_urdf": "flexgen.exports.urdf",
-    "schema": "flexgen.exports.schema",
+    "schema": "flexgen.file_schema",
     "view": "flexgen.reports.view",
 }
 _NOUNS = {
@@ -69,8 +69,7 @@ _NOUNS = {
     "Equilibrium": "flexgen.mechanics.statics",
     "Estimate": "flexgen.observers.extended_kalman",
     "Experiment": "flexgen.identification.experiments.experiment",
-    "Exported": "flexgen.exports.source_folder",
-    "ExportedFmu": "flexgen.exports.fmu.export",
+    "Exported": "flexgen.exports.exported",
     "ExtendedKalmanFilter": "flexgen.observers.extended_kalman",
     "Finding": "flexgen.plausibility.finding",
     "Fastest": "flexgen.performance.minimum_time",
@@ -140,6 +139,7 @@ _NOUNS = {
 }
 _ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
 _PUBLIC = _VERBS | _NOUNS | _ERRORS
+_FORMER = {"ExportedFmu": "Exported"}  # names of version 0.2
 # What objects of lower rooms call in upper ones: pictures, reports, searches; imported when they are called.
 _RESULTS = {
     "Analysis._repr_html_": "flexgen.reports.analysis_page:tables",
@@ -186,6 +186,12 @@ __all__ = [*_PUBLIC, "__version__"]
 def __getattr__(name: str) -> Any:
     if name in _PUBLIC:
         return getattr(importlib.import_module(_PUBLIC[name]), name)
+    if name in _FORMER:
+        from flexgen.deprecation import warn_of_old
+
+        new = _FORMER[name]
+        warn_of_old(f"flexgen.{name}: given a former name, expected flexgen.{new}")
+        return __getattr__(new)
     raise AttributeError(f"module 'flexgen' has no attribute {name!r}")
 
 

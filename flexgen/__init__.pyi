@@ -15,17 +15,16 @@ from flexgen.errors import FlexgenError as FlexgenError
 from flexgen.errors import ModelError as ModelError
 from flexgen.errors import SolverError as SolverError
 from flexgen.exports.added import export as export
-from flexgen.exports.fmu.export import ExportedFmu as ExportedFmu
+from flexgen.exports.exported import Exported as Exported
 from flexgen.exports.fmu.export import export_fmu as export_fmu
 from flexgen.exports.mex.export import export_mex as export_mex
 from flexgen.exports.mujoco import export_mujoco as export_mujoco
 from flexgen.exports.plcopen.export import export_plcopen as export_plcopen
 from flexgen.exports.ros2.export import export_ros2 as export_ros2
-from flexgen.exports.schema import schema as schema
 from flexgen.exports.selftest.export import export_selftest as export_selftest
 from flexgen.exports.simulink.export import export_simulink as export_simulink
-from flexgen.exports.source_folder import Exported as Exported
 from flexgen.exports.urdf import export_urdf as export_urdf
+from flexgen.file_schema import schema as schema
 from flexgen.identification.experiments.excitation import Plan as Plan
 from flexgen.identification.experiments.experiment import Experiment as Experiment
 from flexgen.identification.experiments.experiment import measure as measure
@@ -130,3 +129,4 @@ from flexgen.sweeps.sweep import sweep as sweep
 from flexgen.trajectory import Trajectory as Trajectory
 
 __version__: str
+ExportedFmu = Exported

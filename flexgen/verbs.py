@@ -309,7 +309,7 @@ tune | control:tune | tune
         seed N whole_0: of the other starts; default: {default}
     files
         out FILE required: write the controller to this file
-export fmu MODEL | export_fmu:fmu | export_fmu
+export fmu MODEL | export:fmu | export_fmu
     content
         block NAME in=plant/feedforward/controller: plant (default): the elastic robot; feedforward: inverse dynamics on
             a moving horizon; controller: a P-PI cascade
@@ -324,16 +324,16 @@ export fmu MODEL | export_fmu:fmu | export_fmu
     files
         out FILE: write to this file (.fmu); default: generated/MODEL.fmu
         no_binary old=--sources-only: without a binary for this platform
-export mujoco MODEL | exchange:mujoco | export_mujoco
+export mujoco MODEL | export:mujoco | export_mujoco
     content
         friction NAME in=exact/viscous/dry: exact (the default): a model with Coulomb or Stribeck friction is refused;
             viscous: these are left out; dry: Coulomb friction as MuJoCo has it, with other accelerations
     files
         out FILE required: write the MJCF file, FILE.xml
-export urdf MODEL | exchange:urdf | export_urdf
+export urdf MODEL | export:urdf | export_urdf
     files
         out FILE required: write the URDF file, FILE.urdf, and next to it the overlay, FILE.toml
-export selftest MODEL | export_controllers:selftest | export_selftest
+export selftest MODEL | export:selftest | export_selftest
     content
         precision NAME in=double/single old=--single=single: of the library; default: {default}
         move NAME: the move that the stream follows; default: the first
@@ -341,7 +341,7 @@ export selftest MODEL | export_controllers:selftest | export_selftest
     files
         out DIR once old=--directory: where to write; default: exports/<model>_selftest
         @replace
-export ros2 MODEL | export_controllers:ros2 | export_ros2
+export ros2 MODEL | export:ros2 | export_ros2
     content
         package NAME: of the package; default: flexgen_<model>
         no_controller: the plugin of inverse dynamics only
@@ -353,30 +353,30 @@ export ros2 MODEL | export_controllers:ros2 | export_ros2
     files
         out DIR once old=--directory: where to write; default: exports/<package>
         @replace
-export mex MODEL | export_controllers:mex | export_mex
+export mex MODEL | export:mex | export_mex
     files
         out DIR once old=--directory: where to write; default: exports/<model>_mex
         @replace
-export simulink MODEL | export_controllers:simulink | export_simulink
+export simulink MODEL | export:simulink | export_simulink
     content
         @no_stream
     files
         out DIR once old=--directory: where to write; default: exports/<model>_simulink
         @replace
-export plcopen MODEL | export_controllers:plcopen | export_plcopen
+export plcopen MODEL | export:plcopen | export_plcopen
     content
         @no_stream
     files
         out DIR once old=--directory: where to write; default: exports/<model>_plcopen
         @replace
-view MODEL | exchange:view | view
+view MODEL | export:view | view
     motion
         @move
         robot MODEL: the model of a trajectory, where MODEL is a file .npz or .csv; default: the name in the trajectory
     files
         out FILE: write the page to this file, FILE.html
         video FILE: write a video to this file, FILE.gif or FILE.mp4 (needs the program ffmpeg)
-schema | exchange:schema | schema
+schema | export:schema | schema
     arguments
         <kind> KIND in=model/program: model (the default), or program: files of moves and programs
     files
@@ -401,7 +401,7 @@ VERBS: dict[str, Verb] = verbs_of(ROWS, SHARED)
 
 def added_export(kind: str) -> Verb:
     """The row of an exporter of another package, see `flexgen.registry`."""
-    rows = "export KIND MODEL | exchange:added\n    files\n        out PATH required: write this file or folder"
+    rows = "export KIND MODEL | export:added\n    files\n        out PATH required: write this file or folder"
     return replace(verbs_of(rows, "")["export KIND"], name=f"export {kind}")
 
 

@@ -169,7 +169,7 @@ def _main(words: list[str]) -> int:
         _print(f"flexgen {__version__}")
         return SUCCESS
     from flexgen.cli.parser import UsageError, build_parser, parse
-    from flexgen.cli.printing import as_json
+    from flexgen.display import as_json
 
     try:
         args = parse(words)
@@ -204,8 +204,10 @@ def _main(words: list[str]) -> int:
 
 def _run(args: argparse.Namespace, messages: _Messages) -> int:
     """Run the verb, print its result, return the exit status."""
-    from flexgen.cli.printing import as_json, fitted, terminal_width
+    from flexgen.cli.printing import fitted, terminal_width
+    from flexgen.cli.result import check_outputs
     from flexgen.cli.verbs.check import implausible
+    from flexgen.display import as_json
 
     result, problem, status = None, "", SUCCESS
     interrupts: list[int] = []
@@ -216,6 +218,7 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
             _warnings_ignored(),
             _interrupts_recorded() as interrupts,
         ):
+            check_outputs(args)
             result = args.action(args, messages.progress)
         problem = result.problem
         status = result.failure if problem else SUCCESS

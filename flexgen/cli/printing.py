@@ -6,7 +6,6 @@ The texts are rendered from JSON data, as `plain` makes it: a number that is not
 from __future__ import annotations
 
 import difflib
-import json
 import math
 import shutil
 import sys
@@ -15,6 +14,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
+
+from flexgen.display import plain
 
 if TYPE_CHECKING:
     from flexgen.inversion.solution import Solution
@@ -162,26 +163,6 @@ def figures(rows: Iterable[tuple[str, Any, str]]) -> str:
     """A table of quantities, values and units; rows without a value are left out."""
     kept = [(what, number(value), unit) for what, value, unit in rows if value is not None]
     return table(kept, ("quantity", "value", "unit"))
-
-
-def plain(value: Any) -> Any:
-    """Convert to JSON types: numbers that are not finite become None, paths become strings."""
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if hasattr(value, "tolist"):  # numpy
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return str(value)
-
-
-def as_json(data: dict[str, Any]) -> str:
-    """One JSON object as text, without NaN or Infinity."""
-    return json.dumps(plain(data), indent=2, allow_nan=False)
 
 
 # --- results of the verbs --------------------------------------------------------------------------------------------

@@ -84,6 +84,23 @@ def check_writable(path: Path | None, *, folder: bool = False) -> None:
         raise ArgumentError(f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory")
 
 
+def check_outputs(args: Namespace) -> None:
+    """Check the paths that the options of the section "files" name, before the verb runs.
+
+    Raises
+    ------
+    ArgumentError
+        One cannot be written, or the folder of a report has the page of another program.
+    """
+    several = isinstance(getattr(args, "move", None), list) and len(args.move) > 1  # `solve` writes under other names
+    for option in args.row.sections.get("files", ()) if not several else ():
+        path = getattr(args, option.parameter)
+        if isinstance(path, Path):
+            check_writable(path, folder=option.metavar == "DIR")
+            if option.name == "report":
+                check_report(path)
+
+
 def check_own(path: Path | None, mark: bytes) -> None:
     """Refuse to replace a text file that flexgen did not write; ``mark``: what its own have in their first lines."""
     if path is None or not path.is_file():

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from flexgen.errors import ArgumentError
-from flexgen.exports.source_folder import Exported
+from flexgen.exports.exported import Exported
 from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.registry import added_names, extension
@@ -54,4 +54,4 @@ def export(kind: str, model: str | Path | RobotModel | Equations, out: str | Pat
     files = tuple(Path(x) for x in ([found] if isinstance(found, str | Path) else found or ()))
     if not files or not all(path.is_file() for path in files):
         raise ArgumentError(f"exporter {kind}: given {found!r}, expected the paths of the files that it wrote")
-    return Exported(files[0].parent, tuple(sorted(files)), kind, robot.name)
+    return Exported(kind, robot.name, Path(out), tuple(sorted(files)), robot.variant)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from flexgen.codegen.c_functions import inversion_reason
 from flexgen.codegen.digest import model_digest
 from flexgen.codegen.spec import PrecisionName, library_name
 from flexgen.errors import ArgumentError
+from flexgen.exports.exported import Exported
+from flexgen.exports.source_folder import folder_of, write_folder
 from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
@@ -87,6 +90,14 @@ class Emitted:
     def texts(self) -> dict[str, str]:
         """Header and source by file name."""
         return {f"{self.name}.h": self.header, f"{self.name}.c": self.source}
+
+    def write(
+        self, kind: str, directory: Any, texts: Mapping[str, str], *, force: bool, default: str = "", **more: Any
+    ) -> Exported:
+        """Write the texts of an export to a folder; ``default``: below ``exports``, where none is given."""
+        folder = folder_of(directory, default or f"{self.name}_{kind}")
+        files = write_folder(folder, kind, self.name, texts, force=force)
+        return Exported(kind, self.model.name, folder, files, self.model.variant, **more)
 
 
 def _option(header: str, name: str, word: str) -> str | None:

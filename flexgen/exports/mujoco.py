@@ -25,6 +25,7 @@ import numpy as np
 from flexgen.analysis.linear import linearize, poles
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.exports.exported import Exported, exported
 from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refused, with_friction
 from flexgen.exports.mujoco_forces import add_actuators, add_tendons
 from flexgen.exports.mujoco_inertia import principal, regrouped
@@ -43,11 +44,15 @@ SHARE = 1e-10  # that `LEAST` may be of the inertia of the robot
 STEP = 0.1  # time step of the file times the fastest pole: the error of a step of RK4 is below 1e-6 of the motion
 STEP_MAX = 1e-3  # s
 
+NOTES = {
+    "viscous": "all friction but viscous is left out: accelerations in MuJoCo differ from those of the model",
+    "dry": "Coulomb friction is a constraint with stick: accelerations in MuJoCo differ from those of the model",
+}
 _JOINTS = {"rotation": "hinge", "translation": "slide"}
 
 
 @checked_types
-def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction: FrictionName = "exact") -> Path:
+def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction: FrictionName = "exact") -> Exported:
     """Write a robot as an MJCF file for MuJoCo (3.7 or later for cubic and smooth springs, else 3.3.5).
 
     Joints have the names of the arm coordinates, ``rotor.NAME`` are the angles of the motors behind elastic gears
@@ -70,8 +75,7 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
 
     Returns
     -------
-    Path
-        The file.
+    Exported
 
     Raises
     ------
@@ -85,7 +89,11 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
     path = Path(path)
     if path.suffix != ".xml":
         raise ArgumentError(f"path: given {path.name!r}, expected a name that ends in .xml")
-    return write_text(path, mjcf(model if isinstance(model, RobotModel) else read(model), friction))
+    robot = model if isinstance(model, RobotModel) else read(model)
+    write_text(path, mjcf(robot, friction))
+    what = f"{robot.title}, {robot.dof} joints, {robot.n_m} motors"
+    notes = (NOTES[friction],) if friction in NOTES and robot != with_friction(robot, "viscous") else ()
+    return exported(robot, "mujoco", (path,), (what,), notes=notes, details={"friction": friction})
 
 
 def mjcf(model: RobotModel, friction: str = "exact") -> str:

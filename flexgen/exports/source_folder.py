@@ -9,43 +9,16 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from flexgen.atomic_files import followed, remove_leftovers, staging_folder
-from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.type_checks import checked_result
 from flexgen.version import __version__
 
 RECORD = "flexgen_export.json"
 _FILE = re.compile(r"[A-Za-z+][A-Za-z0-9_.+]*(/[A-Za-z+][A-Za-z0-9_.+]*)*\Z")
 _ADVICE = "choose another folder (directory= in Python, --out on the command line)"
-
-
-@checked_result
-@dataclass(frozen=True)
-class Exported:
-    """What an export left behind.
-
-    Parameters
-    ----------
-    directory : Path
-    files : tuple of Path
-        All files, in the order of their names.
-    kind : str
-        ``"ros2"`` and so on.
-    name : str
-        Of the library inside.
-    """
-
-    directory: Path
-    files: tuple[Path, ...]
-    kind: str
-    name: str
-
-    __repr__ = short_repr
 
 
 def folder_of(given: Any, default: str) -> Path:
@@ -57,8 +30,10 @@ def folder_of(given: Any, default: str) -> Path:
     return Path(given)
 
 
-def write_folder(target: Path, kind: str, name: str, texts: Mapping[str, str], *, force: bool = False) -> Exported:
-    """Write the texts; the same texts give the same bytes.
+def write_folder(
+    target: Path, kind: str, name: str, texts: Mapping[str, str], *, force: bool = False
+) -> tuple[Path, ...]:
+    """Write the texts, and return the paths of all files; the same texts give the same bytes.
 
     Parameters
     ----------
@@ -107,7 +82,7 @@ def write_folder(target: Path, kind: str, name: str, texts: Mapping[str, str], *
         raise BuildError(
             f"directory: given {str(target)!r}, which cannot be written ({error.strerror or error}); {_ADVICE}"
         ) from error
-    return Exported(target, tuple(target / file for file in (*content, RECORD)), kind, name)
+    return tuple(target / file for file in (*content, RECORD))
 
 
 def _record(target: Path, kind: str, name: str) -> dict[str, str]:

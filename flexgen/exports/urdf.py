@@ -24,6 +24,7 @@ import numpy as np
 
 from flexgen.atomic_files import followed, staging_folder, unwritable, write_text
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.exports.exported import Exported, exported
 from flexgen.exports.overlay_tables import beam_or_drag, output_table, sensor_table, toml
 from flexgen.exports.poses import roll_pitch_yaw
 from flexgen.exports.xml_text import add, document
@@ -63,7 +64,7 @@ class Step:
 
 
 @checked_types
-def export_urdf(model: str | Path | RobotModel, path: str | Path) -> tuple[Path, Path]:
+def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     """Write a robot as a URDF file and an overlay next to it.
 
     The URDF file is the rigid robot, for other programs: links, joints, inertias, limits, frictions. Elastic degrees
@@ -81,8 +82,8 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> tuple[Path,
 
     Returns
     -------
-    tuple of Path
-        The URDF file and the overlay.
+    Exported
+        Its main file is the URDF file; ``details["overlay"]`` is the overlay.
 
     Raises
     ------
@@ -115,7 +116,9 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> tuple[Path,
     except OSError as error:
         raise unwritable(path, error) from error
     write_text(overlay, overlay_text(robot, steps, path.name, path.parent))
-    return write_text(path, text), overlay
+    write_text(path, text)
+    what = (f"{robot.title}, rigid", "gears, motors, springs, moves")
+    return exported(robot, "urdf", (path, overlay), what, details={"overlay": overlay})
 
 
 def _check_targets(model: RobotModel, path: Path, overlay: Path) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from flexgen.display import both_measured
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
-from flexgen.simulation.figures import both_measured
 from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, held_torque
 from flexgen.simulation.hold_names import HoldName
 from flexgen.torque_curve import stated_degree

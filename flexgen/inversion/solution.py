@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.display import table_html
+from flexgen.display import Figure, both_measured, format_size, table_html
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.registry import registered
-from flexgen.simulation.figures import Figure, both_measured, format_size
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation, error_figures, error_text
 from flexgen.torque_curve import torque_curve

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
+from flexgen.display import both_measured
 from flexgen.errors import SolverError
 from flexgen.inversion.motor_side import MotorMotion, gear_torques
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual
@@ -25,7 +26,6 @@ from flexgen.planning import reference_curve
 from flexgen.planning.blocks import Program
 from flexgen.planning.phase import Phase
 from flexgen.planning.transcribe import Layout
-from flexgen.simulation.figures import both_measured
 from flexgen.simulation.hold import command_in
 from flexgen.simulation.simulate import simulate
 from flexgen.spec.ports import Port

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from flexgen.display import both_measured, format_size
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
-from flexgen.simulation.figures import both_measured, format_size
 
 NUMERICAL = 1e-7  # m or rad: smaller errors are those of the computation, no accuracy of a robot
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from flexgen.display import Figure, both_measured
 from flexgen.simulation.after_end import AFTER
-from flexgen.simulation.figures import Figure, both_measured
 from flexgen.simulation.motor_feedback import MotorFeedback
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result

@@ -88,7 +88,7 @@ def test_fmpy_compiles_the_sources(version, tmp_path):
     from fmpy.build import build_platform_binary
 
     written = flexgen.export_fmu("four_mass", tmp_path / "sources.fmu", version=version, binary=False)
-    assert written.binary is None
+    assert written.details["binary"] is None
     folder = Path(fmpy.extract(str(written.path), unzipdir=str(tmp_path / "unzipped")))
     assert not (folder / "binaries").exists()
     build_platform_binary(folder, build_dir=tmp_path, all_warnings=True)
@@ -167,7 +167,7 @@ def grown(written, tmp_path, *flags):
     folder = Path(fmus.unzipped(written.path))
     (library,) = (folder / "binaries").rglob("*.so")
     program = tmp_path / "cycles"
-    given = [f"-I{folder / 'sources'}", f'-DGUID="{written.token}"', str(SUPPORT / "fmu_cycles.c")]
+    given = [f"-I{folder / 'sources'}", f'-DGUID="{written.details["token"]}"', str(SUPPORT / "fmu_cycles.c")]
     subprocess.run(["gcc", "-std=c99", "-O1", *flags, *given, "-ldl", "-o", str(program)], check=True)
     done = subprocess.run([program, str(library), "2000"], capture_output=True, text=True, check=True)
     return int(done.stdout)
@@ -199,7 +199,7 @@ def test_nothing_is_allocated_after_the_instantiation(block, kind, version, tmp_
     defined += [
         f"-DCONTINUOUS_STATES={2 * flexgen.read('planar5_nmp').dof}",
         f"-I{folder}",
-        f'-DGUID="{written.token}"',
+        f'-DGUID="{written.details["token"]}"',
         *wrap,
     ]
     command = ["gcc", "-std=c99", "-O1", *defined, str(SUPPORT / "fmu_allocations.c"), *sources, "-lm", "-o", program]
@@ -218,7 +218,7 @@ def test_casadi_imports_the_plant(case):
     x = fmus.starts(written, STATE) + 1e-3
     u = fmus.inputs_over(written, 2)[1]
     order = [dae.var(name) if not isinstance(name, str) else name for name in dae.x()]
-    names = [v.name for v in written.variables if v.kind == STATE]
+    names = [v.name for v in written.details["variables"] if v.kind == STATE]
     assert [str(name) for name in order] == names
     rate, y = (np.array(part).ravel() for part in f(x, u))
     expected = definition.rate(0.0, x, u)

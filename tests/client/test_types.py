@@ -43,7 +43,7 @@ assert_type(flexgen.simulate("elbow", solution.trajectory), flexgen.Simulation)
 assert_type(flexgen.sweep(flexgen.Grid(models=["elbow"]), Path("out")), flexgen.SweepResult)
 assert_type(flexgen.control("elbow").worst, flexgen.PlantRun)
 assert_type(flexgen.Notch(12.0, pole_damping=0.5), flexgen.Notch)
-assert_type(flexgen.export_fmu("elbow", version="3.0"), flexgen.ExportedFmu)
+assert_type(flexgen.export_fmu("elbow", version="3.0"), flexgen.Exported)
 try:
     flexgen.read("nosuch")
 except flexgen.FlexgenError as error:

@@ -289,7 +289,7 @@ def test_planted_bugs(pattern, other):
 
 
 def test_the_file(tmp_path):
-    path = flexgen.export_mujoco("planar5_nmp", tmp_path / "arm.xml")
+    path = flexgen.export_mujoco("planar5_nmp", tmp_path / "arm.xml").path
     text = path.read_text(encoding="utf-8")
     assert path == tmp_path / "arm.xml" and text == mjcf(flexgen.read("planar5_nmp"))
     root = ET.fromstring(text)

@@ -120,7 +120,7 @@ def test_round_trip(name, tmp_path):
             export_urdf(model, path)
         assert list(tmp_path.iterdir()) == []
         return
-    assert export_urdf(model, path) == (path, tmp_path / "arm.toml")
+    assert export_urdf(model, path).files == (path, tmp_path / "arm.toml")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["arm.toml", "arm.urdf"]
     again = flexgen.read(tmp_path / "arm.toml")
     assert difference(model, again) < SAME
@@ -144,7 +144,7 @@ def test_random_robots(coupling, tmp_path):
     def check(case: Case) -> None:
         model = case.model
         try:
-            path, overlay = export_urdf(model, tmp_path / "arm.urdf")
+            path, overlay = export_urdf(model, tmp_path / "arm.urdf").files
         except ModelError as reason:
             assert re.search("rotational_drag|does not move relative|without moving any mass", str(reason))
             return
@@ -180,7 +180,7 @@ def test_springs_and_frictions(spring, tmp_path):
         elements.append(replace(element, dofs=(replace(dof, friction=friction),)))
     motors = tuple(replace(motor, friction=friction) for motor in model.motors)
     model = replace(model, elements=tuple(elements), motors=motors)
-    _, overlay = export_urdf(model, tmp_path / "arm.urdf")
+    _, overlay = export_urdf(model, tmp_path / "arm.urdf").files
     assert difference(model, flexgen.read(overlay)) < SAME
 
 
@@ -202,7 +202,7 @@ def test_link_frames_and_sensors(tmp_path):
         },
     ).sensors
     model = replace(model, sensors=sensors)
-    path, overlay = export_urdf(model, tmp_path / "arm.urdf")
+    path, overlay = export_urdf(model, tmp_path / "arm.urdf").files
     again = flexgen.read(overlay)
     assert difference(model, again) < SAME and rigid_difference(model, path) < RIGID
     rng = np.random.default_rng(0)
@@ -216,7 +216,7 @@ def test_link_frames_and_sensors(tmp_path):
 
 def test_planted_bugs(tmp_path):
     model = flexgen.read("manutec_r3")
-    path, overlay = export_urdf(model, tmp_path / "arm.urdf")
+    path, overlay = export_urdf(model, tmp_path / "arm.urdf").files
     good = path.read_text()
     assert rigid_difference(model, path) < RIGID
     for pattern, other in (
@@ -275,7 +275,7 @@ def test_samples_of_a_move_are_found_from_another_folder(tmp_path):
     text = (Path(__file__).parents[2] / "models" / "planar5_nmp.toml").read_text()
     text += '\n[[move]]\nname = "track"\ntype = "sampled"\nfile = "track.csv"\nstart_rad = [0.3, -1.1]\n'
     (tmp_path / "arm.toml").write_text(text)
-    _, overlay = export_urdf(tmp_path / "arm.toml", tmp_path / "out" / "arm.urdf")
+    _, overlay = export_urdf(tmp_path / "arm.toml", tmp_path / "out" / "arm.urdf").files
     assert Path(flexgen.read(overlay).moves[-1].file).samefile(tmp_path / "track.csv")
 
 
@@ -283,7 +283,7 @@ def test_numbers_changed_in_python_are_written(tmp_path):
     model = flexgen.read("elbow")
     motors = tuple(replace(motor, inertia=2 * motor.inertia) for motor in model.motors)
     loaded = replace(model, motors=motors, payload=Body(3.0, (0.1, 0.0, 0.0)))
-    _, overlay = export_urdf(loaded, tmp_path / "arm.urdf")
+    _, overlay = export_urdf(loaded, tmp_path / "arm.urdf").files
     assert difference(loaded, flexgen.read(overlay)) < SAME < difference(model, flexgen.read(overlay))
 
 
@@ -311,9 +311,9 @@ def test_the_files_of_the_robot_are_not_replaced(tmp_path, monkeypatch, capsys):
         export_urdf("elbow.toml", "other.urdf")
     assert own.read_text() == text and sorted(p.name for p in tmp_path.iterdir()) == ["elbow.toml", "other.toml"]
 
-    path, overlay = export_urdf("elbow.toml", tmp_path / "out" / "arm.urdf")
+    path, overlay = export_urdf("elbow.toml", tmp_path / "out" / "arm.urdf").files
     before = path.read_bytes(), overlay.read_bytes()
-    assert export_urdf("elbow.toml", path) == (path, overlay)  # what flexgen wrote is replaced
+    assert export_urdf("elbow.toml", path).files == (path, overlay)  # what flexgen wrote is replaced
     assert (path.read_bytes(), overlay.read_bytes()) == before
     tip = re.search(r'tip = "(\w+)"', overlay.read_text()).group(1)
     overlay.rename(tmp_path / "out" / "mine.toml")

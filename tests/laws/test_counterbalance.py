@@ -13,7 +13,7 @@ import flexgen
 from flexgen.equations_text.equations import symbolic
 from flexgen.errors import ArgumentError, FlexgenError, ModelError
 from flexgen.exports.mujoco import export_mujoco
-from flexgen.exports.schema import schema
+from flexgen.file_schema import schema
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate

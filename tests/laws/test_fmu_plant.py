@@ -76,11 +76,11 @@ def test_fmpy_integrates_model_exchange_by_cvode(model, version):
     written = fmus.exported(model, version)
     definition, end = fmus.lagrange(model), 0.01
     u = np.concatenate([fmus.starts(written, INPUT)[:-6] + 0.5, fmus.FORCE])
-    names = [v.name for v in written.variables if v.kind == INPUT]
+    names = [v.name for v in written.details["variables"] if v.kind == INPUT]
     signals = np.array([(0.0, *u), (end, *u)], dtype=[("time", float), *((name, float) for name in names)])
     result = fmpy.simulate_fmu(
         str(written.path), stop_time=end, fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-11,
-        input=signals, output_interval=end, output=[v.name for v in written.variables if v.kind == STATE],
+        input=signals, output_interval=end, output=[v.name for v in written.details["variables"] if v.kind == STATE],
     )  # fmt: skip
 
     x0 = fmus.starts(written, STATE)

@@ -105,7 +105,7 @@ def test_the_feedforward_in_model_exchange_has_the_same_bits(version):
 
 
 def names_of(written, kind):
-    return [v.name for v in written.variables if v.kind == kind]
+    return [v.name for v in written.details["variables"] if v.kind == kind]
 
 
 @pytest.mark.slow

@@ -25,9 +25,7 @@ def folder() -> Path:
 
 
 @cache
-def exported(
-    model: str, version: str, block: str = "plant", **options: object
-) -> flexgen.exports.fmu.export.ExportedFmu:
+def exported(model: str, version: str, block: str = "plant", **options: object) -> flexgen.Exported:
     given = dict(options)
     if block == "controller":
         given["controller"] = cascade(flexgen.read(model).n_m)
@@ -55,7 +53,7 @@ class Instance:
     """An instance in initialized state."""
 
     def __init__(self, written, kind="CoSimulation", start=(), time=0.0, hold_first=False):
-        self.version, self.described = written.version[0], description(written.path)
+        self.version, self.described = written.details["version"][0], description(written.path)
         self.of = {v.name: v for v in self.described.modelVariables}
         self.fmu = fmpy.instantiate_fmu(unzipped(written.path), self.described, fmi_type=kind, logger=quiet)
         for name, value in dict(start).items():
@@ -100,11 +98,11 @@ def quiet(*arguments):
 
 
 def references(written, kind):
-    return [v.reference for v in written.variables if v.kind == kind]
+    return [v.reference for v in written.details["variables"] if v.kind == kind]
 
 
 def starts(written, kind):
-    return np.array([v.start for v in written.variables if v.kind == kind], dtype=float)
+    return np.array([v.start for v in written.details["variables"] if v.kind == kind], dtype=float)
 
 
 def inputs_over(written, n):

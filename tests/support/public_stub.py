@@ -23,7 +23,8 @@ def stub() -> str:
         return module, 0 if name.isupper() else 1 if name[0].isupper() else 2, name.lower()
 
     rows = sorted(flexgen._PUBLIC.items(), key=order)
-    return HEAD + "".join(f"from {module} import {name} as {name}\n" for name, module in rows) + END
+    lines = [*(f"from {module} import {name} as {name}\n" for name, module in rows), END]
+    return HEAD + "".join([*lines, *(f"{old} = {new}\n" for old, new in flexgen._FORMER.items())])
 
 
 if __name__ == "__main__":

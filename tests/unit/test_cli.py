@@ -20,9 +20,10 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli import result
 from flexgen.cli.main import main
-from flexgen.cli.printing import analysis_text, as_json, figure_rows, figures, number, plain, roots, table
+from flexgen.cli.printing import analysis_text, figure_rows, figures, number, roots, table
 from flexgen.cli.verbs import robot
 from flexgen.cli.verbs.solve import inaccuracy
+from flexgen.display import as_json, plain
 from flexgen.inversion.status import Status
 from flexgen.mechanics.signatures import TABLE
 from flexgen.trajectory import Trajectory

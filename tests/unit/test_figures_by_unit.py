@@ -10,8 +10,8 @@ import pytest
 import flexgen
 from flexgen.cli.printing import figure_rows
 from flexgen.cli.verbs.solve import inaccuracy
+from flexgen.display import format_size
 from flexgen.inversion import solve as solve_module
-from flexgen.simulation.figures import format_size
 from flexgen.simulation.simulate import simulate
 from flexgen.sweeps.table import RESULTS
 from flexgen.sweeps.worker import _row

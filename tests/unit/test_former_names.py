@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 from pathlib import Path
 
 import pytest
@@ -66,3 +67,38 @@ def test_limits_from_a_model_are_those_of_its_file_or_those_given():
     )
     with pytest.raises(ArgumentError, match="states none"):
         flexgen.Limits.from_model("planar5_mp")
+
+
+def test_results_of_exports_work_as_in_version_0_2_with_a_warning(tmp_path):
+    """A path of MuJoCo, a pair of URDF, the attributes of an FMU, the name of a folder."""
+    mujoco = flexgen.export_mujoco("elbow", tmp_path / "elbow.xml")
+    assert Path(mujoco).read_text() == mujoco.path.read_text() and f"{mujoco}" == str(tmp_path / "elbow.xml")
+    for old, expected in ((lambda: mujoco.name, "elbow.xml"), (lambda: mujoco.suffix, ".xml")):
+        with pytest.warns(DeprecationWarning, match=r"export_mujoco: given \.\w+, expected its new place, \.path\."):
+            assert old() == expected
+    urdf = flexgen.export_urdf("elbow", tmp_path / "arm.urdf")
+    with pytest.warns(DeprecationWarning, match="given a pair of paths, expected .files") as caught:
+        path, overlay = urdf
+    assert (path, overlay) == urdf.files and overlay == urdf.details["overlay"]
+    assert {Path(warning.filename).name for warning in caught} == {Path(__file__).name}
+    fmu = flexgen.export_fmu("elbow", tmp_path / "elbow.fmu", binary=False)
+    with pytest.warns(DeprecationWarning, match=r"given .token, expected its new place, .details\['token'\]"):
+        assert fmu.token == fmu.details["token"]
+    folder = flexgen.export_mex("elbow@payload", tmp_path / "mex")
+    with pytest.warns(DeprecationWarning, match="given .name"):
+        assert folder.name == "elbow_payload" and folder.directory == folder.path == tmp_path / "mex"
+    with pytest.warns(DeprecationWarning, match="given a former name, expected flexgen.Exported"):
+        assert flexgen.ExportedFmu is flexgen.Exported
+    for call in (lambda: folder.kinds, lambda: mujoco.kinds):
+        with pytest.raises(AttributeError, match="kinds"):
+            call()
+    with pytest.raises(TypeError, match="not a sequence"):
+        list(folder)
+
+
+def test_an_export_says_what_a_user_must_know_and_is_written_as_json(tmp_path):
+    exact = flexgen.export_mujoco("elbow", tmp_path / "elbow.xml")
+    viscous = flexgen.export_mujoco("manutec_r3", tmp_path / "arm.xml", friction="viscous")
+    assert exact.notes == () and "all friction but viscous is left out" in viscous.summary().splitlines()[-1]
+    data = json.loads(viscous.save(tmp_path / "arm.json").read_text())
+    assert data["kind"] == "mujoco" and data["friction"] == "viscous" and data["files"] == [str(tmp_path / "arm.xml")]

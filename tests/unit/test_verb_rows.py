@@ -58,7 +58,7 @@ VALUES = {
     ("solve", "limits"): "a switch: those of the model",
     ("solve", "move"): "several moves, solved one by one",
     ("solve", "fastest"): "calls flexgen.fastest; the parameter is old",
-    ("export ros2", "no_gains"): "a switch: no gains; Python takes None",
+    ("export ros2", "no_gains"): "a switch: no gains; the default is a text",
 }
 
 

@@ -150,10 +150,10 @@ def test_command_line(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["out"] == str(out) and out.is_file()
     assert main(["view", str(file), "--robot", "elbow@payload", "--out", str(out)]) == 0
     assert main(["view", "elbow"]) == 1
-    assert "neither --out nor --video" in capsys.readouterr().err
+    assert "given no file, expected a path that ends in .html, or a video" in capsys.readouterr().err
     assert main(["view", "elbow", "--robot", "elbow", "--out", str(out)]) == 1
-    assert "--robot: given 'elbow' with the model 'elbow'" in capsys.readouterr().err
+    assert "given a robot and model, expected model together with a trajectory only" in capsys.readouterr().err
     assert main(["view", str(file), "--move", "line", "--out", str(out)]) == 1
-    assert "--move: given 'line' with a trajectory" in capsys.readouterr().err
+    assert "given a trajectory and move, expected move together with a robot only" in capsys.readouterr().err
     assert main(["view", str(file), "--set", "payload.mass=1", "--out", str(out)]) == 1
     assert "--set" in capsys.readouterr().err

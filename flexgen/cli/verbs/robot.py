@@ -7,8 +7,9 @@ from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
 from flexgen.atomic_files import write_text
-from flexgen.cli.printing import analysis_text, description_text, one_line, paragraph, plain, roots, table
+from flexgen.cli.printing import analysis_text, description_text, one_line, paragraph, roots, table
 from flexgen.cli.result import Progress, VerbResult, check_report, check_writable, derived, writing
+from flexgen.display import plain
 from flexgen.errors import ArgumentError
 
 if TYPE_CHECKING:

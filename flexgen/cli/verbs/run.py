@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.printing import figure_rows, figures, one_line, plain
+from flexgen.cli.printing import figure_rows, figures, one_line
 from flexgen.cli.result import (
     Progress,
     VerbResult,
@@ -20,6 +20,7 @@ from flexgen.cli.result import (
 )
 from flexgen.cli.verbs.generate import generated_dict
 from flexgen.cli.verbs.solve import inaccuracy, problem_of
+from flexgen.display import plain
 
 if TYPE_CHECKING:
     from flexgen.inversion.solution import Solution

@@ -6,8 +6,9 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.printing import duration, figure_rows, figures, paragraph, plain, suggestion
+from flexgen.cli.printing import duration, figure_rows, figures, paragraph, suggestion
 from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, derived, keywords, writing
+from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 
@@ -226,8 +227,8 @@ def _limit_advice(solution: Solution) -> str:
 
 def inaccuracy(solution: Solution, accuracy: float) -> str:
     """Why the solution does not meet the tolerance; empty if it does."""
+    from flexgen.display import both_measured
     from flexgen.inversion.solve import ENERGY, residual_is_small
-    from flexgen.simulation.figures import both_measured
 
     if solution.status != Status.TOLERANCE_NOT_MET:
         return ""

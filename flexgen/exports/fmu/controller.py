@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from flexgen.codegen.spec import library_name
 from flexgen.errors import ArgumentError
 from flexgen.exports.fmu.block import Block, time_variable
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, PARAMETER, Variable
+from flexgen.loop.controller_files import file_controller
 from flexgen.loop.controllers import SOURCE, Cascade
+from flexgen.loop.gains import PPI
 from flexgen.loop.interface import Setup
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_joints
@@ -31,13 +34,20 @@ def controller(model: RobotModel, given: Any, sample_time: float) -> Block:
     ----------
     model : RobotModel
         Its motors, and the equilibrium at home for the start values.
-    given : Cascade or PPI
-        The gains of a `PPI` are those for the pose at home, with one sample time of delay.
+    given : Cascade, PPI, path of a file .toml with one of them, or None
+        The gains of a `PPI` are those for the pose at home, with one sample time of delay; None: a `PPI`.
     sample_time : float
         [s].
     """
     held = hold_joints(derive(model), np.array(model.home))
-    if callable(getattr(given, "cascade", None)):  # a PPI, of another room
+    if isinstance(given, str | Path):
+        if not Path(given).exists():
+            raise ArgumentError(f"controller: given {str(given)!r}, which does not exist, expected a file .toml")
+        file, given = given, file_controller(str(given)) if str(given).endswith(".toml") else None
+        if given is None:
+            raise ArgumentError(f"controller: given {str(file)!r}, expected a file .toml of type ppi or cascade")
+    given = PPI() if given is None else given
+    if isinstance(given, PPI):
         rest_a, rest_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
         motion = (held.q_a[None], rest_a, rest_a, held.q_m[None], rest_m, rest_m, held.tau_m[None])
         given = given.cascade(model, 2.0 * sample_time, motion)

@@ -12,22 +12,20 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from flexgen.atomic_files import atomic_file
-from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.exports.exported import Exported, exported
 from flexgen.exports.fmu.block import Block, config
 from flexgen.exports.fmu.description import build_description, description_2, description_3
-from flexgen.exports.fmu.variables import Variable
 from flexgen.library.compiler import Compiler, find_compiler
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
-from flexgen.type_checks import checked_result, checked_types
+from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 
 FmiVersion = Literal["2.0", "3.0"]
@@ -48,38 +46,6 @@ _MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64
 _LICENSE = "flexgen: MIT. fmi2*.h and fmi3*.h: Modelica Association, 2-clause BSD, see these files.\n"
 
 
-@checked_result
-@dataclass(frozen=True)
-class ExportedFmu:
-    """What `export_fmu` wrote.
-
-    Parameters
-    ----------
-    path : Path
-        The FMU.
-    block, version : str
-        What is in it, and the version of FMI.
-    token : str
-        GUID (FMI 2.0) or instantiation token (FMI 3.0): SHA-256 of what it was made from.
-    variables : tuple of Variable
-        Names, value references, units and start values.
-    binary : str or None
-        The platform of the binary in it, such as ``"linux64"``; None: sources only.
-    seconds : float
-        Time taken [s].
-    """
-
-    path: Path
-    block: str
-    version: str
-    token: str
-    variables: tuple[Variable, ...]
-    binary: str | None
-    seconds: float
-
-    __repr__ = short_repr
-
-
 @checked_types
 @reported("export_fmu")
 def export_fmu(
@@ -95,12 +61,11 @@ def export_fmu(
     sample_time: float | None = None,
     look_ahead: float | None = None,
     progress: Choice = None,
-) -> ExportedFmu:
+) -> Exported:
     """Write a Functional Mock-up Unit (FMU): a robot, its feedforward or a controller, for other simulation programs.
 
-    It has both interfaces, Model Exchange and Co-Simulation, the sources in C99 and a binary for this platform. The
-    same arguments give the same bytes with the same compiler. Several instances may run at the same time, each in its
-    own thread; memory is allocated when an instance is made, and for saved states.
+    It has both interfaces, Model Exchange and Co-Simulation, sources in C99 and a binary for this platform. The same
+    arguments and compiler give the same bytes. Several instances may run at the same time, each in its own thread.
 
     Parameters
     ----------
@@ -122,19 +87,19 @@ def export_fmu(
     step : float, optional
         Its largest step [s]; default: from the fastest pole of the robot at home. A communication step is divided into
         equal steps that are not longer.
-    controller : Cascade or PPI
-        For the block ``"controller"``. A `PPI` gets its gains at the home pose, with one sample time of delay.
+    controller : Cascade, PPI, str or Path, optional
+        For the block ``"controller"``, or a file ``.toml`` with one; default: a `PPI`. It gets its gains at the home
+        pose, with one sample time of delay.
     sample_time : float, optional
         Of a controller [s]; default: 0.001.
     look_ahead : float, optional
-        Of the feedforward [s]: the time from a path sample to the output that reaches it. Default: that of the
-        generated library.
-    progress : callable or bool, optional
-        Called with one line of text before each step; default: messages on a terminal and in a notebook; False: none.
+        Of the feedforward [s]: from a path sample to the output that reaches it; default: as the generated library.
+    progress : bool or callable, optional
+        As for `flexgen.solve`.
 
     Returns
     -------
-    ExportedFmu
+    Exported
 
     Raises
     ------
@@ -145,15 +110,30 @@ def export_fmu(
     ModelError
         The model cannot be read.
 
+    Examples
+    --------
+    >>> written = flexgen.export_fmu("elbow", "elbow.fmu", binary=False)
+    >>> written.details["version"]
+    '2.0'
+
     Source: Functional Mock-up Interface for Model Exchange and Co-Simulation, 2.0.5 and 3.0.2, Modelica Association.
     """
-    began, log = time.perf_counter(), progress if callable(progress) else lambda line: None
     given = dict(method=method, step=step, controller=controller, sample_time=sample_time, look_ahead=look_ahead)
-    _check(version, block, given)
-    if path is not None and not (isinstance(path, str | os.PathLike) and Path(path).suffix == ".fmu"):
-        shown = os.fspath(path) if isinstance(path, os.PathLike) else path
-        raise ArgumentError(f"path: given {shown!r}, expected the path of a file that ends in .fmu")
+    _check(version, block, path, given)
+    log = progress if callable(progress) else lambda line: None
     robot = model if isinstance(model, RobotModel) else read(model)
+    return _written(robot, path, (version, block, binary), given, log)
+
+
+def _written(
+    robot: RobotModel,
+    path: str | os.PathLike[str] | None,
+    what: tuple[str, str, bool],
+    given: Mapping[str, Any],
+    log: Callable[[str], None],
+) -> Exported:
+    """Write the FMU; ``what``: the version of FMI, the block, and whether it has a binary."""
+    began, (version, block, binary) = time.perf_counter(), what
     compiler = _compiler() if binary else None
     log(f"deriving {robot.name}")
     made = _block(robot, block, given)
@@ -161,7 +141,11 @@ def export_fmu(
     content, token, where = _content(made, version, compiler, log)
     with atomic_file(target) as out:
         out.write(content)
-    return ExportedFmu(target, block, version, token, made.variables, where, time.perf_counter() - began)
+    inside = f"binary for {where}" if where else "sources only"
+    text = f"FMI {version}, {block}, Model Exchange and Co-Simulation, {inside}"
+    details: dict[str, Any] = dict(block=block, version=version, token=token, binary=where, variables=made.variables)
+    details["seconds"] = time.perf_counter() - began
+    return exported(robot, "fmu", (target,), (text,), details=details)
 
 
 def _content(
@@ -178,7 +162,7 @@ def _content(
     return _zipped(files), token, where
 
 
-def _check(version: str, block: str, given: Mapping[str, Any]) -> None:
+def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> None:
     method = "rk4" if given["method"] is None else given["method"]
     for name, value, expected in (
         ("version", version, VERSIONS), ("block", block, BLOCKS), ("method", method, ("rk4", "sdirk4"))
@@ -192,6 +176,9 @@ def _check(version: str, block: str, given: Mapping[str, Any]) -> None:
         value = given[name]
         if value is not None and not (isinstance(value, int | float) and 1e-9 <= value <= 1e3):
             raise ArgumentError(f"{name}: given {value!r}, expected a time between 1e-9 and 1000 s")
+    if path is not None and not (isinstance(path, str | os.PathLike) and Path(path).suffix == ".fmu"):
+        shown = os.fspath(path) if isinstance(path, os.PathLike) else path
+        raise ArgumentError(f"path: given {shown!r}, expected the path of a file that ends in .fmu")
 
 
 def _block(model: RobotModel, block: str, given: Mapping[str, Any]) -> Block:

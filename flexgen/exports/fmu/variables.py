@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 # Kinds of variables in flexgen_fmu_core.h; the value reference is 1000 times the kind, plus the index.
 TIME, STATE, RATE, INPUT, OUTPUT, PARAMETER, SETTING, STATUS = range(8)
@@ -66,6 +67,11 @@ class Variable:
     def reference(self) -> int:
         """Value reference."""
         return 1000 * self.kind + self.index
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `flexgen export fmu --json` prints of it."""
+        names = ("name", "reference", "causality", "unit", "start", "text")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def whole(self) -> bool:

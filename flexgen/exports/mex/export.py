@@ -11,7 +11,7 @@ from flexgen.codegen.c_text import comment, quoted
 from flexgen.codegen.interface import TOLERANCES
 from flexgen.errors import BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emitted
-from flexgen.exports.source_folder import Exported, folder_of, write_folder
+from flexgen.exports.exported import Exported
 from flexgen.exports.template import template
 from flexgen.type_checks import checked_types
 
@@ -72,7 +72,7 @@ def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None
             f"+{name}/{file}.m": template(PACKAGE, f"{source}.template.m", name, words)
             for file, source in (("invert", "invert"), ("Stream", "stream"), ("options_", "options"))
         }
-    return write_folder(folder_of(directory, f"{name}_mex"), "mex", name, texts, force=force)
+    return library.write("mex", directory, texts, force=force)
 
 
 def _words(library: Emitted) -> dict[str, str]:

@@ -8,9 +8,9 @@ import re
 from flexgen.codegen.c_text import comment
 from flexgen.errors import BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emitted
+from flexgen.exports.exported import Exported
 from flexgen.exports.plcopen.blocks import Block, blocks, struct
 from flexgen.exports.plcopen.text import structured_text, xml
-from flexgen.exports.source_folder import Exported, folder_of, write_folder
 from flexgen.exports.template import template
 from flexgen.type_checks import checked_types
 
@@ -65,7 +65,7 @@ def export_plcopen(
         texts[f"{name}_stream_fb.c"] = template(PACKAGE, "stream_fb.c", name).replace(
             "fb_MODELNAME_stream", made[-1].name.lower()
         )
-    return write_folder(folder_of(directory, f"{name}_plcopen"), "plcopen", name, texts, force=force)
+    return library.write("plcopen", directory, texts, force=force)
 
 
 def _header(library: Emitted, made: tuple[Block, ...]) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 from flexgen.codegen.c_text import quoted
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emitted
+from flexgen.exports.exported import Exported
 from flexgen.exports.selftest.golden import output_at
-from flexgen.exports.source_folder import Exported, folder_of, write_folder
 from flexgen.exports.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import proposed_gains
@@ -22,6 +22,7 @@ from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 
 PACKAGE = "flexgen.exports.ros2"
+OPEN_GAINS = "the gains in config/controller.yaml are open: the controller refuses to start until they are set"
 START_TOLERANCE = 0.01  # rad or m, arm side: largest distance from the start of the stream
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]+@[A-Za-z0-9.-]+\Z")
@@ -48,7 +49,7 @@ def export_ros2(
     *,
     package: str | None = None,
     controller: bool = True,
-    gains: Cascade | Literal["proposed"] | None = "proposed",
+    gains: Cascade | Literal["proposed", False] | None = "proposed",
     maintainer: str = "maintainer",
     email: str = "maintainer@example.com",
     license_name: str = "MIT",
@@ -70,9 +71,9 @@ def export_ros2(
         ``flexgen_<name>``.
     controller : bool
         False: the plugin only, for models without streams.
-    gains : Cascade, "proposed" or None
+    gains : Cascade, "proposed", False or None
         Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``; "proposed": those at
-        home; None: open, and the controller refuses to start until they are set.
+        home; False or None: open, and the controller refuses to start until they are set.
     maintainer, email, license_name : str
         For ``package.xml``.
     force : bool
@@ -89,6 +90,32 @@ def export_ros2(
     """
     library = emitted(model, streams=controller)
     name = library.name
+    chosen = _package_name(package, name)
+    if not _EMAIL.match(email):
+        raise ArgumentError(f"email: given {email!r}, expected an address such as name@example.com")
+    if gains == "proposed":
+        gains = proposed_gains(library.equations) if controller else None
+    gains = gains or None
+    if gains is not None and not controller:
+        raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")
+    words = _words(library, chosen, controller, gains)
+    words |= {
+        "VERSION": __version__,
+        "MODEL": name,
+        "LIBRARY": name,
+        "EMAIL": xml_text(email),
+        "MAINTAINER": xml_text(maintainer),
+        "LICENSE": xml_text(license_name),
+    }
+    notes = (OPEN_GAINS,) * (controller and gains is None)
+    texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
+    for file, path in _files(chosen, controller).items():
+        texts[path] = _rendered(file, chosen, name, words)
+    return library.write("ros2", directory, texts, force=force, default=chosen, notes=notes)
+
+
+def _package_name(package: str | None, name: str) -> str:
+    """The name of the package, or the default for a library; BuildError for one that is not allowed."""
     chosen = f"flexgen_{name.lower()}" if package is None else package
     if not isinstance(chosen, str) or not _NAME.match(chosen) or len(chosen) > 60:
         raise BuildError(
@@ -101,25 +128,7 @@ def export_ros2(
             f"package: given {chosen!r}, which is {reason}, expected another name, such as {chosen + '_dynamics'!r}; "
             "choose it with package= (--package)"
         )
-    if not _EMAIL.match(email):
-        raise ArgumentError(f"email: given {email!r}, expected an address such as name@example.com")
-    if gains == "proposed":
-        gains = proposed_gains(library.equations) if controller else None
-    if gains is not None and not controller:
-        raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")
-    words = _words(library, chosen, controller, gains)
-    words |= {
-        "VERSION": __version__,
-        "MODEL": name,
-        "LIBRARY": name,
-        "EMAIL": xml_text(email),
-        "MAINTAINER": xml_text(maintainer),
-        "LICENSE": xml_text(license_name),
-    }
-    texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
-    for file, path in _files(chosen, controller).items():
-        texts[path] = _rendered(file, chosen, name, words)
-    return write_folder(folder_of(directory, chosen), "ros2", name, texts, force=force)
+    return chosen
 
 
 def _files(package: str, controller: bool) -> dict[str, str]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 from flexgen.codegen.spec import PrecisionName
 from flexgen.errors import SolverError
 from flexgen.exports.emitted import ModelLike, emitted
+from flexgen.exports.exported import Exported
 from flexgen.exports.selftest.cases import cases
 from flexgen.exports.selftest.golden import at_rest, expected, states
 from flexgen.exports.selftest.motion import motion_of
-from flexgen.exports.source_folder import Exported, folder_of, write_folder
 from flexgen.exports.template import template
 from flexgen.model.moves import Move
 from flexgen.type_checks import checked_types
@@ -64,7 +63,6 @@ def export_selftest(
     """
     library = emitted(model, precision=precision)
     name, equations = library.name, library.equations
-    target = folder_of(directory, f"{name}_selftest")
     given = states(equations, precision, library.functions)
     results = expected(equations, library.functions, given)
     rest, moving = None, None
@@ -79,4 +77,4 @@ def export_selftest(
         f"{name}_selftest.c": template(PACKAGE, "selftest.c", name),
         f"{name}_selftest_cases.h": cases(library, given, results, rest, moving),
     }
-    return write_folder(Path(target), "selftest", name, texts, force=force)
+    return library.write("selftest", directory, texts, force=force)

@@ -6,7 +6,7 @@ import os
 
 from flexgen.codegen.c_text import comment
 from flexgen.exports.emitted import Emitted, ModelLike, emitted
-from flexgen.exports.source_folder import Exported, folder_of, write_folder
+from flexgen.exports.exported import Exported
 from flexgen.exports.template import template
 from flexgen.type_checks import checked_types
 
@@ -54,7 +54,7 @@ def export_simulink(
         "BLOCKS": ", ".join(f"'{name}_{block}'" for block in blocks),
     }
     texts[f"setup_{name}.m"] = template(PACKAGE, "setup.template.m", name, words)
-    return write_folder(folder_of(directory, f"{name}_simulink"), "simulink", name, texts, force=force)
+    return library.write("simulink", directory, texts, force=force)
 
 
 def _ccaller(library: Emitted) -> tuple[str, str]:

@@ -1,0 +1,99 @@
+"""The kinds of the verb export, the schema of model files, and the robot in the browser."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+
+import flexgen
+from flexgen.atomic_files import write_text
+from flexgen.cli.defaults import defaults_of
+from flexgen.cli.printing import paragraph, table
+from flexgen.cli.result import Progress, VerbResult, keywords, read_model
+from flexgen.errors import ArgumentError
+
+
+def _export(args: Namespace, log: Progress) -> VerbResult:
+    """Call the public function of the verb; what it wrote."""
+    robot, function = read_model(args), args.row.function
+    if function:
+        told = {"progress": log} if "progress" in defaults_of(function) else {}
+        made = getattr(flexgen, function)(robot, args.out, **keywords(args), **told)
+    else:
+        made = flexgen.export(args.kind, robot, args.out)
+    text = made.summary()
+    if made.path.is_dir():
+        text = f"{robot.title}: {made.kind} in {made.path}\n\n{text}"
+    if "variables" in made.details:
+        shown = [v for v in made.details["variables"] if v.causality != "local"]
+        rows = [[v.name, v.causality, v.unit or "-", v.text] for v in shown]
+        text = f"{paragraph(text)}\n\n{table(rows, ('variable', 'causality', 'unit', 'meaning'))}"
+    return VerbResult(made.to_dict() | {"out": str(made)}, text)
+
+
+def fmu(args: Namespace, log: Progress) -> VerbResult:
+    """Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs."""
+    return _export(args, log)
+
+
+def mujoco(args: Namespace, log: Progress) -> VerbResult:
+    """Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations."""
+    return _export(args, log)
+
+
+def urdf(args: Namespace, log: Progress) -> VerbResult:
+    """Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF cannot contain."""
+    return _export(args, log)
+
+
+def selftest(args: Namespace, log: Progress) -> VerbResult:
+    """Write a C program that tests the library on its target, with results of Lagrange's equations: PASS or FAIL."""
+    return _export(args, log)
+
+
+def ros2(args: Namespace, log: Progress) -> VerbResult:
+    """Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream and P-PI control."""
+    return _export(args, log)
+
+
+def mex(args: Namespace, log: Progress) -> VerbResult:
+    """Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, and a stream."""
+    return _export(args, log)
+
+
+def simulink(args: Namespace, log: Progress) -> VerbResult:
+    """Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of inverse dynamics."""
+    return _export(args, log)
+
+
+def plcopen(args: Namespace, log: Progress) -> VerbResult:
+    """Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C."""
+    return _export(args, log)
+
+
+def added(args: Namespace, log: Progress) -> VerbResult:
+    """Write the robot by an exporter of another package."""
+    return _export(args, log)
+
+
+def schema(args: Namespace, log: Progress) -> VerbResult:
+    """Print the JSON schema of model files, for completion and explanations in an editor."""
+    data = flexgen.schema(args.kind)
+    text = json.dumps(data, indent=1)
+    if args.out is None:
+        return VerbResult(data, text)
+    path = write_text(args.out, text + "\n")
+    return VerbResult(
+        {"kind": args.kind, "out": str(path)}, f"wrote {path}; first line of a model file: #:schema {path}"
+    )
+
+
+def view(args: Namespace, log: Progress) -> VerbResult:
+    """Show robot, move and deflections in the browser (one HTML file), or in a video."""
+    of_file = str(args.model).endswith((".npz", ".csv"))
+    if args.set and of_file:
+        raise ArgumentError("--set: given with a trajectory, expected a model (or --robot MODEL for a trajectory)")
+    what = args.model if of_file else read_model(args)
+    flexgen.view(what, args.out, model=args.robot, **keywords(args), progress=log)
+    paths = {key: str(path) for key, path in (("out", args.out), ("video", args.video)) if path is not None}
+    return VerbResult(paths, "\n".join(f"wrote {path}" for path in paths.values()))

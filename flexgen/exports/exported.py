@@ -1,0 +1,109 @@
+"""What an export wrote: one class for all kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexgen.deprecation import warn_of_old
+from flexgen.display import short_repr
+from flexgen.model.elements import RobotModel
+from flexgen.results import Result
+from flexgen.type_checks import checked_result
+
+
+@checked_result
+@dataclass(frozen=True)
+class Exported(Result):
+    """What an export wrote; it stands for its `path` wherever a path is accepted.
+
+    Parameters
+    ----------
+    kind : str
+        ``"fmu"``, ``"mujoco"``, ``"ros2"`` and so on.
+    model : str
+        Its name.
+    path : Path
+        The main file, or the folder of an export that is a folder.
+    files : tuple of Path
+        All files: of a folder in the order of their names, else the main file first.
+    variant : str
+        Of the model.
+    contents : tuple of str
+        What is in each file; empty for a folder.
+    notes : tuple of str
+        What a user must know of the files: what was left out, what is still to be set.
+    details : mapping
+        Of an FMU: ``block``, ``version`` (of FMI), ``token``, ``binary`` (its platform, or None), ``variables`` and
+        ``seconds``. Of an MJCF file: ``friction``. Of a URDF file: ``overlay``.
+
+    Examples
+    --------
+    >>> written = flexgen.export_mujoco("elbow", "elbow.xml")
+    >>> print(written)
+    elbow.xml
+    >>> written.to_dict()["friction"]
+    'exact'
+    """
+
+    kind: str
+    model: str
+    path: Path
+    files: tuple[Path, ...]
+    variant: str = ""
+    contents: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    details: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    __repr__ = short_repr
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    @property
+    def directory(self) -> Path:
+        """The folder of the files."""
+        return self.path if self.path.is_dir() else self.path.parent
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON types; the details are entries of their own."""
+        data = super().to_dict()
+        return data | {"directory": str(self.directory)} | data.pop("details")
+
+    def summary(self) -> str:
+        """The files and what is in them, then the notes, a line each."""
+        files = [f"wrote {path}" for path in self.files]
+        if self.contents:
+            files = [f"{line}: {what}" for line, what in zip(files, self.contents, strict=True)]
+        return "\n".join([*files, *(f"note: {note}" for note in self.notes)])
+
+    if not TYPE_CHECKING:  # results of version 0.2: a path (mujoco), two paths (urdf), an object of its own (fmu)
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_"):
+                raise AttributeError(name)
+            old, new = self.model + f"_{self.variant}" * bool(self.variant), "model"
+            if name in self.details:
+                old, new = self.details[name], f"details[{name!r}]"
+            elif self.kind == "mujoco" and hasattr(self.path, name):
+                old, new = getattr(self.path, name), f"path.{name}"
+            elif name != "name":
+                raise AttributeError(f"Exported has no attribute {name!r}")
+            warn_of_old(f"result of export_{self.kind}: given .{name}, expected its new place, .{new}")
+            return old
+
+        def __getitem__(self, index: Any) -> Any:
+            if self.kind != "urdf":
+                raise TypeError(f"the result of export_{self.kind} is not a sequence; its files are .files")
+            warn_of_old("result of export_urdf: given a pair of paths, expected .files, the URDF file and the overlay")
+            return self.files[index]
+
+
+def exported(model: RobotModel, kind: str, files: tuple[Path, ...], contents: tuple[str, ...], **more: Any) -> Exported:
+    """The result of an export of files, the main one first."""
+    return Exported(kind, model.name, files[0], files, model.variant, contents, **more)
