@@ -77,6 +77,10 @@ class ArgumentError(FlexgenError, ValueError):
     """An argument of a public function has a wrong type, shape, unit or value."""
 
 
+class FileError(ModelError, ArgumentError):
+    """A file of a controller, a scenario or a grid is wrong: an ArgumentError with the fields of a ModelError."""
+
+
 class ChannelError(ArgumentError, KeyError):
     """A trajectory has no channel of this name; also a KeyError."""
 

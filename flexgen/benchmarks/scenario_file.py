@@ -1,9 +1,11 @@
-"""Reader of the files of scenarios; every error names file and key."""
+"""The files of scenarios: their rows, and how they are found."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +15,20 @@ from scipy.linalg import hadamard
 from flexgen.benchmarks.measures import REST_S
 from flexgen.benchmarks.scenario import FROZEN, NAMES, Accept, Output, Plan, Scenario, Segment, Window
 from flexgen.errors import ArgumentError
-from flexgen.loop.controller_files import table_controller
-from flexgen.loop.disturbances import Disturbance, rows_of
+from flexgen.loop.controller_files import CONTROLLER, table_controller
+from flexgen.loop.disturbances import DISTURBANCES, TOOL_AXES, Disturbance
 from flexgen.loop.plants import NOMINAL, Plants
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import packaged_models, read
-from flexgen.spec.arguments import is_number, is_whole
-from flexgen.spec.toml_lines import TextError, plain_table
+from flexgen.spec import keys
+from flexgen.spec.arguments import is_whole
+from flexgen.spec.keys import REQUIRED, Context, Format, Key, Type, listed, required, sub, text, vector
+from flexgen.spec.tables import Table, file_bytes, file_table
 
 FOLDER = Path(__file__).resolve().parent
-FORMATS = (1, 2)  # 2: what is drawn, and the version of the measures
-MEASURES = (1, 2)
 KINDS = ("peak", "rms", "settling", "torque_peak", "torque_max", "torque_rms")
-MOST_DRAWS, MOST_STEPS = 1000, 10_000
-LARGEST = 1e9
+MOST_DRAWS, MOST_STEPS, LARGEST = 1000, 10_000, 10**9
 LENGTHS = {"m": 1.0, "mm": 1e3, "um": 1e6}  # units of the tool's position, and how many of each are a meter
 LONGEST_S = 3600.0  # run
 
@@ -55,7 +56,7 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
             raise ArgumentError(f"scenario: given {text!r}, expected {', '.join(NAMES)} or the path of a .toml file")
         if version is not None:
             raise ArgumentError(f"version: given {version!r} with the file {text}, expected none: the file states it")
-        return _parse_table(Path(text), _bytes_of(Path(text)), None)
+        return _parse_table(Path(text), file_bytes(Path(text), "scenario"), None)
     known = [number for key, number in FROZEN if key == text]
     if after and version is None:
         version = int(after) if after.isdecimal() and len(after) < 4 else -1
@@ -63,19 +64,13 @@ def scenario(name: str | Path, version: int | None = None) -> Scenario:
     if not is_whole(chosen) or chosen not in known or (after and after != str(chosen)):
         raise ArgumentError(f"version of {name}: given {version!r}, expected one of {', '.join(map(str, known))}")
     path = FOLDER / f"{text}-{chosen}.toml"
-    return _parse_table(path, _bytes_of(path), (text, int(chosen)))
-
-
-def _bytes_of(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ArgumentError(f"{path}: cannot be read: {error}") from error
+    return _parse_table(path, file_bytes(path, "scenario"), (text, int(chosen)))
 
 
 @lru_cache(maxsize=16)
 def _parse_table(path: Path, data: bytes, known: tuple[str, int] | None) -> Scenario:
-    found = parse_scenario(path, data, packaged=known is not None)
+    table = file_table(data, path)
+    found: Scenario = keys.read(table, FORMATS[FORMAT.read(table, Context())], Context())
     if known is not None and found.content != FROZEN[known][0]:
         raise ArgumentError(
             f"{path}: given the content {found.content[:12]}, expected {FROZEN[known][0][:12]}: the benchmark's file "
@@ -84,233 +79,225 @@ def _parse_table(path: Path, data: bytes, known: tuple[str, int] | None) -> Scen
     return found
 
 
-def parse_scenario(path: Path, data: bytes, *, packaged: bool) -> Scenario:
-    """The scenario of a file; ``packaged``: its model is that which comes with flexgen, whatever the folder has."""
-    try:
-        table = plain_table(data.decode())
-    except (UnicodeDecodeError, TextError) as error:
-        raise ArgumentError(f"{path}: cannot be read as TOML: {error}") from error
-    return _Reader(path, packaged).scenario(table)
+def _read_delay(table: Table, key: Key, here: Context) -> float:
+    value, sample = table.number(key.name, least=0.0), here.of_file("sample_s")
+    if abs(value / sample - round(value / sample)) > 1e-6:
+        raise table.fail(key.name, f"a multiple of the sample time {sample:g} s")
+    return value
 
 
-class _Reader:
-    """Reads the table of a scenario."""
+def _read_span(table: Table, key: Key, here: Context) -> tuple[float, ...]:
+    span = table.vector(key.name, 2)
+    if not 0 <= span[0] <= span[1]:
+        raise table.fail(key.name, "two numbers >= 0, the larger one last")
+    return span
 
-    def __init__(self, path: Path, packaged: bool) -> None:
-        self.path, self.packaged = path, packaged
 
-    def fail(self, key: str, given: Any, expected: str) -> ArgumentError:
-        return ArgumentError(f"{self.path}, {key}: given {given!r}, expected {expected}")
+def _check_window(table: Table, here: Context) -> None:
+    span, duration = here.values["window_s"], here.of_file("duration_s")
+    if not span[0] < span[1] <= duration:
+        raise table.fail("window_s", f"two increasing times within {duration:g} s")
 
-    def get(self, table: Mapping[str, Any], key: str, kind: Any, where: str = "") -> Any:
-        name = f"{where}.{key}" if where else key
-        if key not in table:
-            raise ArgumentError(f"{self.path}: expected the key {name}")
-        value = table[key]
-        if isinstance(value, bool) or not isinstance(value, kind):
-            raise self.fail(name, value, getattr(kind, "__name__", "a number"))
-        if isinstance(value, float) and not np.isfinite(value):
-            raise self.fail(name, value, "a finite number")
-        return value
 
-    def number(
-        self, table: Mapping[str, Any], key: str, where: str = "", least: float = 0.0, most: float = LARGEST
-    ) -> float:
-        given = self.get(table, key, (int, float), where)
-        if not least <= given <= most:
-            raise self.fail(f"{where}.{key}" if where else key, given, f"{least:g} to {most:g}")
-        return float(given)
+def _check_weights(table: Table, here: Context) -> None:
+    if not here.values["weights"]:
+        raise table.fail("weights", f"some of {', '.join(KINDS)}")
 
-    def numbers(self, table: Mapping[str, Any], key: str, where: str = "") -> tuple[float, ...]:
-        """Finite numbers."""
-        given = self.get(table, key, list, where)
-        if not all(is_number(x) for x in given):
-            raise self.fail(f"{where}.{key}" if where else key, given, "finite numbers")
-        return tuple(float(x) for x in given)
 
-    def whole(self, table: Mapping[str, Any], key: str, sample: float, where: str = "") -> float:
-        """A delay of whole samples."""
-        value = self.number(table, key, where)
-        if abs(value / sample - round(value / sample)) > 1e-6:
-            raise self.fail(f"{where}.{key}" if where else key, value, f"a multiple of the sample time {sample:g} s")
-        return value
+NUMBER, TIME = keys.number(least=0.0), keys.number(least=1e-3, most=LONGEST_S)
+DELAY, SPAN = Type(_read_delay, NUMBER.schema), Type(_read_span, vector(2).schema)
+TEXT = Type(lambda table, key, here: table.text(key.name).strip(), text().schema)
+NAME = Key("name", text(), "name")
+WEIGHTS = Key("weights", keys.by_name(lambda here: KINDS, 0.0), "weights of the measures", check=_check_weights)
 
-    def scenario(self, t: Mapping[str, Any]) -> Scenario:
-        if t.get("format") not in FORMATS:
-            raise self.fail("format", t.get("format"), " or ".join(map(str, FORMATS)))
-        drawn = t["format"] > 1
-        model = self.model(self.get(t, "model", dict))
-        measures, score = self.get(t, "measures", dict), self.get(t, "score", dict)
-        accept = self.get(t, "accept", dict)
-        duration = self.number(t, "duration_s", least=1e-3, most=LONGEST_S)
-        disturbances: tuple[Disturbance, ...] = ()
-        if not drawn:
-            disturbances = tuple(self.disturbance(row, model) for row in self.get(t, "disturbance", list))
-            self.check_overlap(t["disturbance"], disturbances, duration)
-        kind = self.get(measures, "version", int, "measures") if drawn else 1
-        if kind not in MEASURES:
-            raise self.fail("measures.version", kind, " or ".join(map(str, MEASURES)))
-        plants, sets = self.plants(model, self.get(t, "set", list))
-        weights = self.numbers(score, "sets", "score")
-        if len(weights) != len(sets):
-            raise self.fail("score.sets", list(weights), f"{len(sets)} weights, one for each set")
-        sample = self.number(t, "sample_s", least=1e-6)
-        limits_of = (self.number(accept, key, "accept") for key in ("gain", "torque_noise_Nm", "rest"))
-        limits, start = self.numbers(t, "torque_max_Nm"), self.numbers(t, "start_rad")
-        if len(limits) != model.n_m or len(start) != len(model.i_g):
-            raise self.fail(
-                "torque_max_Nm, start_rad", [*limits, *start], f"{model.n_m} motors, {len(model.i_g)} joints"
-            )
-        return Scenario(
-            name=self.get(t, "name", str),
-            version=self.get(t, "version", int),
-            title=self.get(t, "title", str),
-            published=self.get(t, "published", str).strip(),
-            ours=self.get(t, "ours", str).strip(),
-            model=model,
-            sample_s=sample,
-            delay_s=self.whole(t, "delay_s", sample),
-            steps=int(self.number(t, "steps", least=1, most=MOST_STEPS)),
-            duration_s=duration,
-            encoder_noise_rad=self.number(t, "encoder_noise_rad"),
-            torque_max_Nm=limits,
-            seed=int(self.number(t, "seed")),
-            start=start,
-            outputs=tuple(self.output(row, model) for row in self.get(t, "output", list)),
-            disturbances=disturbances,
-            windows=tuple(self.window(row, duration) for row in self.get(measures, "windows", list, "measures")),
-            tolerance=self.number(measures, "tolerance", "measures"),
-            nominal_weight=self.number(score, "nominal", "score"),
-            set_weights=weights,
-            plants=plants,
-            sets=sets,
-            accept=Accept(self.whole(accept, "delay_s", sample, "accept"), *limits_of),
-            reference=table_controller(self.get(t, "reference", dict), self.path),
-            rule=self.get(t, "rule", str).strip() if drawn else "",
-            measures_version=kind,
-            plan=self.plan(t, model, duration) if drawn else None,
-        )
 
-    def model(self, chosen: Mapping[str, Any]) -> RobotModel:
-        """The model and its changes; of a published benchmark that which comes with flexgen."""
-        base = self.get(chosen, "name", str, "model")
-        return read(
-            packaged_models() / f"{base}.toml" if self.packaged else base, chosen.get("variant"), chosen.get("set")
-        )
+# --- disturbances and parts of a run ----------------------------------------------------------------------------------
 
-    def plan(self, t: Mapping[str, Any], model: RobotModel, duration: float) -> Plan:
-        """The random numbers."""
-        draw = self.get(t, "draw", dict)
-        lead, wait, factor = (self.span(draw, key) for key in ("lead_s", "wait_s", "factor"))
-        segments = tuple(self.segment(row, model) for row in self.get(t, "segment", list))
-        end = self.number(draw, "end_s", "draw", least=REST_S)
-        longest = lead[1] + sum(s.length_s + wait[1] for s in segments) + end
-        if not segments or len({s.name for s in segments}) != len(segments):
-            raise self.fail("segment", [s.name for s in segments], "segments of different names")
-        if longest > duration + 1e-9:
-            raise self.fail("duration_s", duration, f"at least {longest:g} s: the longest run that is drawn")
-        count = int(self.number(draw, "count", "draw", least=1, most=MOST_DRAWS))
-        return Plan(count, lead, wait, factor, end, segments)
 
-    def span(self, draw: Mapping[str, Any], key: str) -> tuple[float, float]:
-        """Two numbers that another one is drawn between."""
-        span = self.numbers(draw, key, "draw")
-        if len(span) != 2 or not 0 <= span[0] <= span[1]:
-            raise self.fail(f"draw.{key}", list(span), "two numbers >= 0, the larger one last")
-        return span[0], span[1]
+def _check_times(table: Table, here: Context) -> None:
+    """Disturbances lie within their segment or run."""
+    length = here.values.get("length_s") or here.values["duration_s"]
+    for inner, d in zip(table.tables("disturbance", False), here.values["disturbance"], strict=True):
+        if not 0 <= d.start_s < length or (d.kind != "step" and d.end_s > length):
+            raise inner.fail("start_s", f"one within {length:g} s, to its end", f"{d.start_s:g} to {d.end_s:g} s")
 
-    def segment(self, row: Mapping[str, Any], model: RobotModel) -> Segment:
-        name = self.get(row, "name", str, "segment")
-        length = self.number(row, "length_s", f"segment {name}", least=1e-3, most=LONGEST_S)
-        given = tuple(self.disturbance({"name": name, **d}, model) for d in row.get("disturbance", []))
-        for d in given:
-            if not 0 <= d.start_s < length or (d.kind != "step" and d.end_s > length):
-                raise self.fail(f"segment {name}, disturbance", d.start_s, f"one within its {length:g} s")
-        return Segment(name, length, self.weights(row, f"segment {name}"), given)
 
-    def weights(self, row: Mapping[str, Any], where: str) -> dict[str, float]:
-        """Weights of the measures."""
-        weights = self.get(row, "weights", dict, where)
-        unknown = [key for key in weights if key not in KINDS]
-        if unknown or not weights:
-            raise self.fail(f"{where}, weights", unknown, f"some of {', '.join(KINDS)}")
-        return {key: self.number(weights, key, f"{where}, weights") for key in weights}
+def _check_overlap(table: Table, here: Context) -> None:
+    """No two disturbances that end are on one place at once."""
+    _check_times(table, here)
+    rows = zip(table.tables("disturbance", False), here.values["disturbance"], strict=True)
+    for (first, a), (second, b) in combinations(rows, 2):
+        both = a.where == b.where and "step" not in (a.kind, b.kind)
+        if both and b.start_s < a.end_s and a.start_s < b.end_s:
+            raise second.fail("start_s", f"one that does not overlap {first.data.get('name', first.key)} on {a.where}")
 
-    def output(self, row: Mapping[str, Any], model: RobotModel) -> Output:
-        name, unit = self.get(row, "name", str, "output"), self.get(row, "unit", str, "output")
-        if "weights" in row:
-            weights = self.get(row, "weights", dict, "output")
-            known = [c.name for c in model.coordinates]
-            if any(key not in known for key in weights):
-                raise self.fail("output.weights", sorted(weights), f"coordinates of the model: {', '.join(known)}")
-            numbers = {key: self.number(weights, key, "output.weights", least=-LARGEST) for key in weights}
-            return Output(name, unit, numbers, "", 1.0)
-        axis = self.get(row, "tool_axis", str, "output")
-        if axis not in "xyz" or len(axis) != 1:
-            raise self.fail("output.tool_axis", axis, "x, y or z")
-        if unit not in LENGTHS:
-            raise self.fail("output.unit", unit, f"{', '.join(LENGTHS)}: the tool's position is a length")
-        scale = self.number(row, "scale", "output")
-        if abs(scale / LENGTHS[unit] - 1.0) > 1e-9:
-            raise self.fail("output.scale", scale, f"{LENGTHS[unit]:g} for the unit {unit}")
-        return Output(name, unit, {}, axis, scale)
 
-    def disturbance(self, row: Mapping[str, Any], model: RobotModel) -> Disturbance:
-        fields = {k: v for k, v in row.items() if k != "name"}
-        try:
-            made = Disturbance(
-                **fields | {"frequency_hz": tuple(row["frequency_hz"]) if "frequency_hz" in row else None}
-            )
-            rows_of(made.where, [m.name for m in model.motors])
-        except (ArgumentError, TypeError) as error:
-            raise ArgumentError(f"{self.path}, disturbance {row.get('name', '')}: {error}") from error
-        return made
+def _check_segments(table: Table, here: Context) -> None:
+    segments, draw, duration = (here.values[key] for key in ("segment", "draw", "duration_s"))
+    if len({segment.name for segment in segments}) != len(segments):
+        raise table.fail("segment", "segments of different names", str([segment.name for segment in segments]))
+    longest = draw["lead_s"][1] + sum(s.length_s + draw["wait_s"][1] for s in segments) + draw["end_s"]
+    if longest > duration + 1e-9:
+        raise table.fail("duration_s", f"at least {longest:g} s: the longest run that is drawn")
 
-    def check_overlap(self, rows: list[Any], given: tuple[Disturbance, ...], duration: float) -> None:
-        """Disturbances that end lie within the run, and no two of them on one place at once."""
-        names = [str(row.get("name", k + 1)) for k, row in enumerate(rows)]
-        for k, d in enumerate(given):
-            if not 0 <= d.start_s < duration or (d.kind != "step" and d.end_s > duration):
-                raise self.fail(f"disturbance {names[k]}", d.start_s, f"one within the run of {duration:g} s")
-            for i in range(k):
-                other = given[i]
-                both = d.where == other.where and d.kind != "step" and other.kind != "step"
-                if both and d.start_s < other.end_s and other.start_s < d.end_s:
-                    raise ArgumentError(
-                        f"{self.path}, disturbance {names[k]}: given one that overlaps {names[i]} on {d.where}, "
-                        "expected one after the other"
-                    )
 
-    def window(self, row: Mapping[str, Any], duration: float) -> Window:
-        name = self.get(row, "name", str, "windows")
-        span = self.get(row, "window_s", list, "windows")
-        if len(span) != 2 or not 0 <= span[0] < span[1] <= duration:
-            raise self.fail(f"window {name}", span, f"two increasing times within {duration:g} s")
-        return Window(name, float(span[0]), float(span[1]), self.weights(row, f"window {name}"))
+_PLACE = keys.known(lambda here: (*(motor.name for motor in here.of_file("model").motors), *TOOL_AXES))
+_OF_CLASS = keys.of_class(Disturbance, "disturbance").typed(kind=keys.choice(*DISTURBANCES), where=_PLACE)
+DISTURBANCE = replace(
+    _OF_CLASS, keys=(replace(NAME, default=""), *_OF_CLASS.keys), make=lambda name, **values: Disturbance(**values)
+)
+GIVEN = Key("disturbance", listed(DISTURBANCE, least=0), "disturbances; times count from the begin", check=_check_times)
+SEGMENT = Format(
+    "part of a run", (NAME, Key("length_s", TIME, "length", "s"), WEIGHTS, replace(GIVEN, default=())), make=Segment
+)
+WINDOW = Format(
+    "part of a run that measures are taken in",
+    (NAME, Key("window_s", SPAN, "begin and end", "s", check=_check_window), WEIGHTS),
+    make=lambda name, window_s, weights: Window(name, window_s[0], window_s[1], weights),
+)
 
-    def plants(self, model: RobotModel, rows: list[Any]) -> tuple[Plants, dict[str, tuple[int, ...]]]:
-        """The nominal robot and those of all sets."""
-        names, numbers = [NOMINAL], [dict[str, float]()]
-        sets: dict[str, tuple[int, ...]] = {}
-        for row in rows:
-            name = self.get(row, "name", str, "set")
-            factors = self.get(row, "factors", list, f"set {name}")
-            order = 2
-            while order <= len(factors):
-                order *= 2
-            signs = hadamard(order)[:, 1 : len(factors) + 1]
-            sets[name] = tuple(range(len(names), len(names) + order))
-            for k, own in enumerate(signs):
-                values: dict[str, float] = {}
-                for sign, factor in zip(own, factors, strict=True):
-                    change = self.number(factor, "change", f"set {name}")
-                    for parameter in select(model, self.get(factor, "names", list, f"set {name}")):
-                        values[parameter.name] = parameter.value * (1 + sign * change)
-                names.append(f"{name}, {k + 1}")
-                numbers.append(values)
-        used = sorted({key for values in numbers for key in values})
-        parameters = tuple(select(model, used)) if used else ()
-        table = np.array([[own.get(p.name, p.value) for p in parameters] for own in numbers])
-        table.setflags(write=False)
-        table = table.reshape(len(names), len(parameters))
-        return Plants(tuple(names), parameters, table, ("",) * len(names)), sets
+
+# --- outputs and robots -----------------------------------------------------------------------------------------------
+
+
+def _check_scale(table: Table, here: Context) -> None:
+    unit = here.values["unit"]
+    if "weights" in table:
+        table.only("name", "unit", "weights")
+    elif unit not in LENGTHS:
+        raise table.fail("unit", f"{', '.join(LENGTHS)}: the tool's position is a length")
+    elif abs(here.values["scale"] / LENGTHS[unit] - 1.0) > 1e-9:
+        raise table.fail("scale", f"{LENGTHS[unit]:g} for the unit {unit}")
+
+
+def _unless_weights(value: Any) -> Callable[[Table, Context], Any]:
+    return lambda table, here: value if "weights" in table else REQUIRED
+
+
+_COORDINATES = keys.by_name(lambda here: [c.name for c in here.of_file("model").coordinates])
+OUTPUT = Format(
+    "regulated number: a combination of the arm coordinates, or an axis of the tool's position",
+    (
+        NAME,
+        Key("unit", text(), "unit"),
+        Key("weights", _COORDINATES, "of the coordinates", default={}),
+        Key("tool_axis", keys.choice(*"xyz"), "axis", default=_unless_weights(""), attribute="axis"),
+        Key("scale", NUMBER, "how many of the unit are a meter", default=_unless_weights(1.0), check=_check_scale),
+    ),
+    make=Output,
+)
+
+
+def _read_model(table: Table, key: Key, here: Context) -> RobotModel:
+    """The model and its changes; of a published benchmark that which comes with flexgen, whatever the folder has."""
+    found = sub(MODEL).read(table, key, here)
+    name = packaged_models() / f"{found['name']}.toml" if Path(table.file).parent == FOLDER else found["name"]
+    return read(name, found["variant"], None if found["set"] is None else found["set"].data)
+
+
+_SET = Key("set", keys.any_table(), "changes by dotted path", default=None)
+MODEL = Format("model of the robots", (NAME, Key("variant", text(), "variant", default=None), _SET))
+FACTOR = required("parameters that change together", names=keys.words(), change=NUMBER)
+SET = required(
+    "robots: a column of a Hadamard matrix for each factor", name=text(), factors=listed(FACTOR, 0, plural=False)
+)
+
+
+def _plants(model: RobotModel, rows: Sequence[dict[str, Any]]) -> tuple[Plants, dict[str, tuple[int, ...]]]:
+    """The nominal robot and those of all sets."""
+    names, numbers = [NOMINAL], [dict[str, float]()]
+    sets: dict[str, tuple[int, ...]] = {}
+    for row in rows:
+        order = 2
+        while order <= len(row["factors"]):
+            order *= 2
+        signs = hadamard(order)[:, 1 : len(row["factors"]) + 1]
+        sets[row["name"]] = tuple(range(len(names), len(names) + order))
+        for k, own in enumerate(signs):
+            values: dict[str, float] = {}
+            for sign, factor in zip(own, row["factors"], strict=True):
+                for parameter in select(model, factor["names"]):
+                    values[parameter.name] = parameter.value * (1 + sign * factor["change"])
+            names.append(f"{row['name']}, {k + 1}")
+            numbers.append(values)
+    used = sorted({key for values in numbers for key in values})
+    parameters = tuple(select(model, used)) if used else ()
+    table = np.array([[own.get(p.name, p.value) for p in parameters] for own in numbers])
+    table.setflags(write=False)
+    table = table.reshape(len(names), len(parameters))
+    return Plants(tuple(names), parameters, table, ("",) * len(names)), sets
+
+
+# --- the file ---------------------------------------------------------------------------------------------------------
+
+
+def _scenario(
+    format: int, model: RobotModel, set: Any, measures: Any, score: Any, segment: Any = (), draw: Any = None, **own: Any
+) -> Scenario:
+    plants, sets = _plants(model, set)
+    if draw is not None:
+        own["plan"] = Plan(draw.pop("count"), **draw, segments=segment)
+        own |= {"disturbances": (), "measures_version": measures["version"]}
+    own |= {"nominal_weight": score["nominal"], "set_weights": score["sets"], "tolerance": measures["tolerance"]}
+    return Scenario(**own, model=model, plants=plants, sets=sets, windows=measures["windows"])
+
+
+_WEIGHTS = vector(size=lambda here: len(here.of_file("set")))
+_MOTORS, _JOINTS = (
+    vector(size=size) for size in (lambda here: here.of_file("model").n_m, lambda here: len(here.of_file("model").i_g))
+)
+_ANY = keys.any_table()
+_REFERENCE = Type(lambda table, key, here: table_controller(_ANY.read(table, key, here)), {}, form=CONTROLLER)
+_VERSION, _WINDOWS = keys.among(1, 2), listed(WINDOW, 0, plural=False)
+MEASURES = required("what is measured", version=_VERSION, tolerance=NUMBER, windows=_WINDOWS)
+SCORE = required("weights of the nominal robot, and of the worst one of each set", nominal=NUMBER, sets=_WEIGHTS)
+SPANS = required(
+    "random numbers: how many draws, spans, and the rest in the end of the run",
+    count=keys.whole(1, MOST_DRAWS),
+    lead_s=SPAN,
+    wait_s=SPAN,
+    factor=SPAN,
+    end_s=keys.number(least=REST_S),
+)
+LIMITS = required("limits at rest", Accept, delay_s=DELAY, gain=NUMBER, torque_noise_Nm=NUMBER, rest=NUMBER)
+FORMAT = Key("format", keys.among(1, 2), "2: what is drawn, and the version of the measures")
+
+
+def _file(version: int, own: tuple[Key, ...], measures: Format) -> Format:
+    """The rows of a version of the files, with those that the other does not have."""
+    rows = (
+        FORMAT,
+        NAME,
+        Key("version", keys.whole(0, LARGEST), "version of the scenario"),
+        Key("title", text(), "title"),
+        Key("published", TEXT, "what was published, and where"),
+        Key("ours", TEXT, "what was not"),
+        Key("model", Type(_read_model, {}, form=MODEL), MODEL.doc),
+        Key("sample_s", keys.number(least=1e-6), "sample time", "s"),
+        Key("delay_s", DELAY, "delay of the torque", "s"),
+        Key("steps", keys.whole(1, MOST_STEPS), "steps of the integrator in a sample"),
+        Key("duration_s", TIME, "duration of a run", "s"),
+        Key("encoder_noise_rad", NUMBER, "noise of the motor angles", "rad"),
+        Key("torque_max_Nm", _MOTORS, "largest torque", "N m", note="one for each of the motors"),
+        Key("seed", keys.whole(0, LARGEST), "seed of noise and draws"),
+        Key("start_rad", _JOINTS, "the joints that are regulated", "rad", note="joints", attribute="start"),
+        Key("output", listed(OUTPUT, least=0), OUTPUT.doc),
+        *own,
+        Key("measures", sub(measures), measures.doc),
+        Key("set", listed(SET, 0, plural=False), SET.doc),
+        Key("score", sub(SCORE), SCORE.doc),
+        Key("accept", sub(LIMITS), LIMITS.doc),
+        Key("reference", _REFERENCE, "controller whose measures are the units of the score"),
+    )
+    return Format(f"scenario of a benchmark, format {version}", rows, make=_scenario)
+
+
+DRAWN = (
+    Key("rule", TEXT, "rule of the benchmark"),
+    Key("draw", sub(SPANS), SPANS.doc),
+    Key("segment", listed(SEGMENT, plural=False), "parts of a run, in an order that is drawn", check=_check_segments),
+)
+FORMATS = {
+    1: _file(1, (replace(GIVEN, check=_check_overlap),), MEASURES.without("version")),
+    2: _file(2, DRAWN, MEASURES),
+}

@@ -26,11 +26,12 @@ from flexgen.identification.parameters import (
 from flexgen.loop.robustness import ControlName
 from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import parse_file, read
+from flexgen.model.reader import read
 from flexgen.progress import Choice
 from flexgen.registry import registered
 from flexgen.spec.explained_status import ExplainedStatus
 from flexgen.spec.number_edit import with_numbers
+from flexgen.spec.tables import parse_file
 from flexgen.type_checks import checked_result
 
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file

@@ -13,9 +13,7 @@ for robust tracking control of flexible joint robots, IFAC World Congress 2008.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +23,7 @@ from flexgen.laws.chain import FORMS, FormName, stable_gains
 from flexgen.laws.stability import check_pose_loop
 from flexgen.library.model_library import library_with
 from flexgen.loop.law_motion import LawMotion
-from flexgen.loop.model_law import FLAG, NUMBER, TEXT, ModelLaw
+from flexgen.loop.model_law import ModelLaw
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.signatures import FLEXIBLE_JOINT
 from flexgen.model.elements import RobotModel
@@ -67,8 +65,6 @@ class FeedbackLinearisation(ModelLaw):
         A parameter is out of range; in the loop: the model does not fit, an arm angle is not measured, or the sampled
         chain of integrators is unstable.
     """
-
-    KEYS: ClassVar[Mapping[str, str]] = {"frequency_hz": NUMBER, "form": TEXT, "predict": FLAG}
 
     frequency_hz: float = 16.0
     form: FormName = "continuous"
@@ -122,8 +118,6 @@ class ComputedTorque(ModelLaw):
     ArgumentError
         A parameter is out of range; in the loop: the model has coordinates without motor, or the loop is unstable.
     """
-
-    KEYS: ClassVar[Mapping[str, str]] = {"frequency_hz": NUMBER}
 
     frequency_hz: float = 4.0
     allow_unstable: bool = False

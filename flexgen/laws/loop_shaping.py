@@ -16,9 +16,8 @@ Source: D. McFarlane, K. Glover, IEEE Trans. Automatic Control 37(6), 1992; dela
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, block_diag, solve_continuous_are
@@ -29,7 +28,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import Linear
 from flexgen.loop.gains import motor_inertias
 from flexgen.loop.margins import LoopAtPose
-from flexgen.loop.model_law import NUMBER, LinearDesign
+from flexgen.loop.model_law import LinearDesign
 from flexgen.loop.plants import LocalDynamics, check_design
 from flexgen.loop.sampled_model import PoseModels
 from flexgen.mechanics.equations import derive
@@ -56,8 +55,6 @@ class LoopShaping(LinearDesign):
         That the controller is computed for; default: the model of the robot. For springs that are not linear one with
         linear springs in between.
     """
-
-    KEYS: ClassVar[Mapping[str, str]] = dict.fromkeys(("crossover_hz", "integral_hz", "low_pass_hz", "factor"), NUMBER)
 
     crossover_hz: float = 2.0
     integral_hz: float = 0.3

@@ -13,16 +13,15 @@ makes the filter sensitive to stiffness errors).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from flexgen.deadline import check_time
 from flexgen.display import short_repr
 from flexgen.loop.controllers import Linear
-from flexgen.loop.model_law import FLAG, NUMBER, LinearDesign
+from flexgen.loop.model_law import LinearDesign
 from flexgen.loop.plants import check_design
 from flexgen.loop.sampled_model import PoseModel, PoseModels, hold_effects, sample_model
 from flexgen.model.elements import RobotModel
@@ -59,11 +58,6 @@ class LQG(LinearDesign):
         That the gains are computed for; default: the model of the robot. For springs that are not linear one with
         linear springs in between.
     """
-
-    KEYS: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("rho", "encoder_noise", "torque_noise", "disturbance_rate"), NUMBER),
-        "sensors": FLAG,
-    }
 
     rho: float = 100.0
     encoder_noise: float = 1e-4

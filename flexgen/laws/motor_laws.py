@@ -6,9 +6,9 @@ G. Hirzinger, State feedback controller for flexible joint robots, IROS 2000.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,7 +20,7 @@ from flexgen.laws.stability import check_pose_loop
 from flexgen.library.model_library import library_with
 from flexgen.loop.gains import motor_inertias
 from flexgen.loop.law_motion import LawMotion
-from flexgen.loop.model_law import FLAG, GAINS, NUMBER, ModelLaw
+from flexgen.loop.model_law import ModelLaw
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.numerics.evaluate import evaluate
 from flexgen.spec.arguments import is_number
@@ -79,14 +79,6 @@ class TomeiPD(ModelLaw):
         A parameter is out of range; in the loop: the model does not fit, the gains are too small for gravity, or the
         sampled loop is unstable.
     """
-
-    KEYS: ClassVar[Mapping[str, str]] = {
-        "frequency_hz": NUMBER,
-        "damping": NUMBER,
-        "k_p": GAINS,
-        "k_d": GAINS,
-        "feedforward": FLAG,
-    }
 
     frequency_hz: float = 6.0
     damping: float = 1.0
@@ -176,8 +168,6 @@ class JointTorqueFeedback(ModelLaw):
         A parameter is out of range; in the loop: the model does not fit, an arm angle is not measured, or the sampled
         loop is unstable.
     """
-
-    KEYS: ClassVar[Mapping[str, str]] = {"frequency_hz": NUMBER, **dict.fromkeys(("k_p", "k_d", "k_t", "k_s"), GAINS)}
 
     frequency_hz: float = 8.0
     k_p: Sequence[float] | None = None

@@ -8,9 +8,7 @@ measurement as of the reference.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -19,7 +17,7 @@ from flexgen.errors import ArgumentError
 from flexgen.laws.lq import regulator, torque_scale
 from flexgen.loop.controllers import Linear
 from flexgen.loop.law_motion import LawMotion
-from flexgen.loop.model_law import NUMBER, ModelLaw
+from flexgen.loop.model_law import ModelLaw
 from flexgen.loop.sampled_model import PoseModels, sample_model
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
@@ -43,8 +41,6 @@ class LQ(ModelLaw):
     ArgumentError
         ``rho`` is out of range; in the loop: a gear is rigid, or an arm angle is not measured.
     """
-
-    KEYS: ClassVar[Mapping[str, str]] = {"rho": NUMBER}
 
     rho: float = 1.0
 

@@ -1,37 +1,89 @@
 """Controllers from files: tables in TOML, classes in Python, shared libraries; systems of python-control.
 
-A table has a ``type``:
-
-ppi           ``position_hz``, ``speed_hz``, ``integral_hz``, and filters ``[[low_pass]]``, ``[[notch]]``
-cascade       the same with ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s] of each motor
-loop_shaping  ``crossover_hz``, ``integral_hz``, ``low_pass_hz``, ``factor``: H-infinity loop shaping
-linear        matrices ``A``, ``B``, ``C``, ``D`` from ``y_ref - y`` to torques, sampled; rows in brackets
-
-and the laws of `flexgen.laws.catalogue`.
+The keys of a table with the parameters of a class, such as that of a law, are the parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.loop.controllers import Cascade, Filter, Linear, LowPass, Notch
+from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
 from flexgen.loop.gains import PPI
 from flexgen.loop.interface import PlugIn, PythonController
-from flexgen.loop.model_law import FLAG, GAINS, NUMBER, TEXT, LinearDesign, ModelLaw
+from flexgen.loop.model_law import LinearDesign, ModelLaw
 from flexgen.loop.python_files import LIBRARIES, is_python, object_of_file
+from flexgen.model.format import MODEL
 from flexgen.registry import extension, names
-from flexgen.spec.arguments import is_number
-from flexgen.spec.toml_lines import TextError, plain_table
+from flexgen.spec.keys import Context, Format, Key, Kinds, Type, list_of, listed, number, of_class, read, vector
+from flexgen.spec.tables import Table, file_bytes, file_table
 
-TABLES = ("ppi", "cascade", "linear")
-LARGEST_FILE = 2**24  # bytes
-_FREQUENCIES = ("position_hz", "speed_hz", "integral_hz")
-_GAINS = ("position_gain", "speed_gain", "integral_gain")
+MOTORS = range(1, 65)  # how many there can be
+
+
+def _read_gain(table: Table, key: Key, here: Context) -> np.ndarray:
+    """A number for each motor, as many as of the gain that is read first."""
+    first = here.values.get("position_gain")
+    return np.array(table.vector(key.name, MOTORS if first is None else len(first), what="one for each motor"))
+
+
+_GAIN = Type(_read_gain, vector(MOTORS).schema)
+
+
+def _read_matrix(table: Table, key: Key, here: Context) -> np.ndarray:
+    """A matrix; its shape follows from D, which is read first, and the rows of A."""
+    expected = "a matrix of numbers, rows in brackets"
+    try:
+        found = np.array(table.plain(key.name, expected), dtype=float)
+        n_m, n_y = np.atleast_2d(here.values.get("D", found)).shape
+    except (ValueError, TypeError):
+        raise table.fail(key.name, expected) from None
+    n_z = len(np.atleast_1d(here.values.get("A", found)))
+    shape = {"A": (n_z, n_z), "B": (n_z, n_y), "C": (n_m, n_z), "D": (n_m, n_y)}[key.name]
+    if found.size != shape[0] * shape[1] or not np.isfinite(found).all():
+        raise table.fail(key.name, f"{shape}, finite", f"shape {found.shape}")
+    return found.reshape(shape)
+
+
+def _maker(made: Any) -> Any:
+    """Makes a controller of the values of its table."""
+
+    def make(description: str, low_pass: Any = (), notch: Any = (), **own: Any) -> Any:
+        return made(**own, filters=(*low_pass, *notch)) if low_pass or notch else made(**own)
+
+    return make
+
+
+LOW_PASS, NOTCH = of_class(LowPass, "low-pass filter"), of_class(Notch, "notch filter")
+_FILTERS = tuple(
+    Key(name, listed(form, least=0, plural=False), f"{form.doc}s of the feedback torque", default=())
+    for name, form in (("low_pass", LOW_PASS), ("notch", NOTCH))
+)
+_GAINS = tuple(
+    Key(name, _GAIN, doc, unit)
+    for name, doc, unit in (
+        ("position_gain", "gain of the position control", "1/s"),
+        ("speed_gain", "gain of the speed control", "N m s/rad"),
+        ("integral_gain", "corner of the integral part", "1/s"),
+    )
+)
+_MATRIX = Type(_read_matrix, list_of(list_of(number().schema)))
+_MATRICES = tuple(Key(name, _MATRIX, "matrix, rows in brackets") for name in "DABC")
+_PPI = (*of_class(PPI).without("filters").keys, *_FILTERS)
+CONTROLLER = Kinds(
+    "feedback of a closed loop",
+    {
+        "ppi": Format("P-PI cascade, by frequencies", _PPI, _maker(PPI)),
+        "cascade": Format("P-PI cascade, by gains of each motor", (*_GAINS, *_FILTERS), _maker(Cascade)),
+        "linear": Format("matrices from `y_ref - y` to torques, sampled", _MATRICES, _maker(Linear)),
+    },
+    shared=(MODEL["description"],),
+    strict=False,
+)
 
 
 def file_controller(text: str) -> Any:
@@ -46,8 +98,7 @@ def file_controller(text: str) -> Any:
     """
     if text.endswith(".toml"):
         path = Path(text)
-        table = read_table(path)
-        return table_controller(table, path)
+        return table_controller(file_table(file_bytes(path, "controller"), path))
     if text.endswith(LIBRARIES):
         return PlugIn(text)
     if is_python(text):
@@ -55,88 +106,16 @@ def file_controller(text: str) -> Any:
     return None
 
 
-def read_table(path: Path) -> dict[str, Any]:
-    """A TOML file as a table; ArgumentError where it cannot be read."""
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ArgumentError(f"{path}: given {path.stat().st_size} bytes, expected at most {LARGEST_FILE}")
-        return plain_table(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, TextError) as error:
-        raise ArgumentError(f"{path}: cannot be read as TOML: {error}") from error
-
-
-def table_controller(table: Mapping[str, Any], path: Path) -> PPI | Cascade | Linear | LinearDesign | ModelLaw:
-    """The controller or law of a table; see the text of this module."""
-    kind = table.get("type")
-    if isinstance(kind, str) and kind in names("laws"):
-        return law_of_table(table, path)
-    if kind == "ppi":
-        _only(table, {"type", *_FREQUENCIES, "low_pass", "notch", "description"}, path)
-        numbers = {key: _number(table[key], path, key) for key in _FREQUENCIES if key in table}
-        return PPI(**numbers, filters=_filters(table, path))
-    if kind == "cascade":
-        _only(table, {"type", *_GAINS, "low_pass", "notch", "description"}, path)
-        gains = [_numbers(table, key, path) for key in _GAINS]
-        if len({len(x) for x in gains}) != 1:
-            raise ArgumentError(f"{path}: given gains of different lengths, expected one for each motor")
-        return Cascade(gains[0], gains[1], gains[2], _filters(table, path))
-    if kind == "linear":
-        return _linear(table, path)
-    raise ArgumentError(f"{path}, type: given {kind!r}, expected one of {', '.join((*TABLES, *names('laws')))}")
-
-
-def _filters(table: Mapping[str, Any], path: Path) -> tuple[Filter, ...]:
-    filters: list[Filter] = []
-    for key, made in (("low_pass", LowPass), ("notch", Notch)):
-        rows = table.get(key, [])
-        if not isinstance(rows, list):
-            raise ArgumentError(f"{path}, {key}: given {rows!r}, expected tables [[{key}]]")
-        for row in rows:
-            if not isinstance(row, Mapping):
-                raise ArgumentError(f"{path}, {key}: given {row!r}, expected a table")
-            _only(row, set(made.__dataclass_fields__), path)
-            if "frequency_hz" not in row:
-                raise ArgumentError(f"{path}, {key}: expected the key frequency_hz")
-            filters.append(made(**{k: _number(v, path, f"{key}.{k}") for k, v in row.items()}))
-    return tuple(filters)
-
-
-def _linear(table: Mapping[str, Any], path: Path) -> Linear:
-    _only(table, {"type", "A", "B", "C", "D", "description"}, path)
-    found = {}
-    for name in "ABCD":
-        try:
-            found[name] = np.array(table[name], dtype=float)
-        except (KeyError, ValueError, TypeError) as error:
-            raise ArgumentError(f"{path}, {name}: expected a matrix of numbers, rows in brackets ({error})") from error
-    D = np.atleast_2d(found["D"])
-    n_m, n_y = D.shape
-    n_z = len(found["A"])
-    shapes = {"A": (n_z, n_z), "B": (n_z, n_y), "C": (n_m, n_z)}
-    for name, shape in shapes.items():
-        if found[name].size != shape[0] * shape[1] or not np.isfinite(found[name]).all():
-            raise ArgumentError(f"{path}, {name}: given shape {found[name].shape}, expected {shape}, finite")
-    A, B, C = (found[name].reshape(shapes[name]) for name in "ABC")
-    return Linear(A, B, C, D)
-
-
-def _only(table: Mapping[str, Any], known: set[str], path: Path) -> None:
-    for key in table:
-        if key not in known:
-            raise ArgumentError(f"{path}: given the key {key!r}, expected some of {', '.join(sorted(known))}")
-
-
-def _number(value: Any, path: Path, key: str) -> float:
-    if not is_number(value):
-        raise ArgumentError(f"{path}, {key}: given {value!r}, expected a finite number")
-    return float(value)
-
-
-def _numbers(table: Mapping[str, Any], key: str, path: Path) -> np.ndarray:
-    values = table.get(key)
-    if not isinstance(values, list):
-        raise ArgumentError(f"{path}, {key}: given {values!r}, expected numbers in brackets, one for each motor")
-    return np.array([_number(x, path, key) for x in values])
+def table_controller(table: Table) -> PPI | Cascade | Linear | LinearDesign | ModelLaw:
+    """The controller or law of a table."""
+    laws = names("laws")
+    kind, form = table.choice("type", (*CONTROLLER.kinds, *laws)), CONTROLLER
+    if kind in laws:
+        law = extension("laws", kind)
+        own = replace(of_class(law, law.__name__), make=_maker(law)).without("model")
+        form = replace(CONTROLLER, kinds={kind: own})
+    made: PPI | Cascade | Linear | LinearDesign | ModelLaw = read(table, form, Context())
+    return made
 
 
 def system_controller(system: Any, sample_time: float) -> Linear:
@@ -159,29 +138,3 @@ def system_controller(system: Any, sample_time: float) -> Linear:
 def is_system(given: Any) -> bool:
     """Whether it is a state-space system of python-control."""
     return all(hasattr(given, name) for name in ("A", "B", "C", "D", "dt"))
-
-
-def law_of_table(table: Mapping[str, Any], path: Path) -> LinearDesign | ModelLaw:
-    """The law of a table; ArgumentError where a key is unknown or a value is of another kind."""
-    made: type[LinearDesign | ModelLaw] = extension("laws", table["type"])
-    kinds = made.KEYS
-    arguments = {}
-    for key, value in table.items():
-        if key in ("type", "description"):
-            continue
-        if key not in kinds:
-            raise ArgumentError(f"{path}: given the key {key!r}, expected some of {', '.join(kinds)}")
-        if not _fits(value, kinds[key]):
-            raise ArgumentError(f"{path}, {key}: given {value!r}, expected {kinds[key]}")
-        arguments[key] = value
-    return made(**arguments)
-
-
-def _fits(value: Any, kind: str) -> bool:
-    if kind == FLAG:
-        return isinstance(value, bool)
-    if kind == TEXT:
-        return isinstance(value, str)
-    if kind == GAINS:
-        return isinstance(value, list) and all(_fits(x, NUMBER) for x in value)
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,13 +1,12 @@
 """The bases of feedback laws: those that are designed for poses, and those that are computed for a planned motion.
 
-`KEYS` of a class are the keys of its table in a controller file, with the kind of their values.
+The parameters of a class are the keys of its table in a controller file.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,13 +17,9 @@ from flexgen.loop.law_motion import LawMotion
 from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_methods
 
-NUMBER, TEXT, FLAG, GAINS = "a number", "a text", "true or false", "numbers in brackets, one for each motor"
-
 
 class LinearDesign(ABC):
     """A law with parameters; `linear` designs the controller for the poses of a motion."""
-
-    KEYS: ClassVar[Mapping[str, str]] = {}
 
     @property
     def title(self) -> str:
@@ -41,8 +36,6 @@ class LinearDesign(ABC):
 @checked_methods
 class ModelLaw(ABC):
     """A feedback law with parameters; `bound` makes the controller for one motion of one model."""
-
-    KEYS: ClassVar[Mapping[str, str]] = {}
 
     @property
     @abstractmethod

@@ -16,6 +16,7 @@ from flexgen.spec.keys import (
     Schema,
     Type,
     angle,
+    any_table,
     choice,
     flag,
     listed,
@@ -58,12 +59,16 @@ MODEL = Format(
     ),
 )
 PROGRAMS = Format("moves and programs of flexgen", (MODEL["move"], MODEL["program"]))
-_SET = Type(lambda table, key, here: table.table(key.name), {"type": "object"})
 VARIANT = Format(
     "changes",
     (
         MODEL["description"],
-        Key("set", _SET, 'new values by dotted path, such as "element.arm1.dof.q1.gear.damping" = 0.0', default=None),
+        Key(
+            "set",
+            any_table(),
+            'new values by dotted path, such as "element.arm1.dof.q1.gear.damping" = 0.0',
+            default=None,
+        ),
         Key("remove", words(), "dotted paths of keys that are removed before", default=()),
     ),
 )

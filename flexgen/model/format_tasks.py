@@ -22,6 +22,7 @@ from flexgen.spec.keys import (
     Key,
     Kinds,
     Type,
+    among,
     angle,
     choice,
     direction,
@@ -311,13 +312,6 @@ def _read_samples(table: Table, key: Key, here: Context) -> str:
     return str(path)
 
 
-def _read_degree(table: Table, key: Key, here: Context) -> int:
-    degree = table.number(key.name)
-    if degree not in DEGREES:
-        raise table.fail(key.name, "one of " + ", ".join(map(str, DEGREES)))
-    return int(degree)
-
-
 def _way(doc: str, note: str) -> Key:
     return Key("displacement", vector(3), doc, "m", note=note)
 
@@ -348,7 +342,6 @@ LEG = Format(
 _START = joint_position("start", "where the move starts")
 _TOOL_LINE = _way("displacement of the tool, world axes", "m, world axes")
 _CENTER = "center, from the position at the start, world axes"
-_SPLINE = Type(_read_degree, {"enum": list(DEGREES)})
 _OUTPUTS = Type(
     lambda table, key, here: table.vector(key.name, here.of_file("output").size, what="one number per output"),
     vector().schema,
@@ -380,7 +373,7 @@ MOVE = Kinds(
                 replace(_START, default=()),
                 *_time(sampled=True),
                 RADIUS_KEY,
-                Key("degree", _SPLINE, "degree of the spline", default=7),
+                Key("degree", among(*DEGREES), "degree of the spline", default=7),
                 Key("file", Type(_read_samples, text().schema), _SAMPLED),
             ),
             make=Move,

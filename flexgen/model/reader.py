@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import json
 import os
 from collections.abc import Mapping
@@ -20,11 +19,9 @@ from flexgen.spec import toml_lines
 from flexgen.spec.keys import Context
 from flexgen.spec.keys import read as read_table
 from flexgen.spec.ports import identifier_problem
-from flexgen.spec.tables import Table, closest, entry_name, show
+from flexgen.spec.tables import Table, closest, entry_name, parse_file, show
 from flexgen.spec.toml_lines import Entry
 from flexgen.type_checks import checked_types
-
-SIZE_MAX = 1_000_000  # bytes
 
 
 @checked_types(own=("model",))
@@ -152,27 +149,6 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
     if not regular:
         raise ArgumentError(f"model: given {text!r}, which is not a file, expected the path of a .toml file")
     return path, text, chosen
-
-
-def parse_file(path: Path, shown: str) -> Entry:
-    """Parse a TOML file into a tree of entries with their line numbers."""
-    try:
-        with path.open("rb") as stream:
-            raw = stream.read(SIZE_MAX + 1)
-    except OSError as error:
-        raise ArgumentError(
-            f"model: given {shown!r}, which cannot be read ({error.strerror}), expected a readable file"
-        ) from None
-    if len(raw) > SIZE_MAX:
-        raise ModelError(shown, 0, "file", f"more than {SIZE_MAX} bytes", f"at most {SIZE_MAX} bytes")
-    raw = raw.removeprefix(codecs.BOM_UTF8)
-    try:
-        return toml_lines.parse(raw.decode("utf-8"), shown)
-    except UnicodeDecodeError as error:
-        line = raw[: error.start].count(b"\n") + 1
-        raise ModelError(shown, line, "file", f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
-    except toml_lines.TextError as error:
-        raise ModelError(shown, error.line, "file", error.given, error.expected) from None
 
 
 class _NoSuchPath(Exception):

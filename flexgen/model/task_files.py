@@ -8,10 +8,9 @@ from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.format import PROGRAMS
 from flexgen.model.moves import Move
-from flexgen.model.reader import parse_file
 from flexgen.model.urdf_source import from_here
 from flexgen.spec.keys import Context, read
-from flexgen.spec.tables import Table
+from flexgen.spec.tables import Table, parse_file
 from flexgen.type_checks import checked_types
 
 

@@ -6,13 +6,18 @@ A `Format` is a table with its `Key` rows in the order in which they are read; `
 
 from __future__ import annotations
 
+import inspect
+import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from flexgen.errors import ArgumentError
 from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import IDENTIFIER, LARGEST, Table, closest
+from flexgen.type_checks import checks_of
+from flexgen.types_of_values import Check as TypeCheck
 
 Schema = dict[str, Any]
 REQUIRED: Any = type("Required", (), {"__repr__": lambda self: "REQUIRED"})()
@@ -114,6 +119,11 @@ class Format:
         """The table without some keys, in its place."""
         return replace(self, keys=tuple(key for key in self.keys if key.name not in names), definition="")
 
+    def typed(self, **types: Type) -> Format:
+        """The table with other types of some keys."""
+        keys = (replace(key, type=types[key.name]) if key.name in types else key for key in self.keys)
+        return replace(self, keys=tuple(keys))
+
     def optional(self) -> Format:
         """The table with no required key."""
         made = (replace(key, default=None) if key.default is REQUIRED else key for key in self.keys)
@@ -176,7 +186,10 @@ def read(table: Table, form: Form, here: Context) -> Any:
     if form.where:
         extra["where"] = table.where()
     fields = {key.name: key.field for key in form.keys}
-    return form.make(**{fields.get(name, name): value for name, value in values.items()}, **extra)
+    try:
+        return form.make(**{fields.get(name, name): value for name, value in values.items()}, **extra)
+    except ArgumentError as error:
+        raise ArgumentError(f"{table.file}:{table.line}: {error}") from error
 
 
 def _kind(table: Table, form: Kinds, here: Context) -> str:
@@ -203,14 +216,96 @@ def _read_keys(table: Table, keys: Sequence[Key], here: Context) -> None:
 # --- types of keys ----------------------------------------------------------------------------------------------------
 
 
-def _numbers(above: float | None = None, least: float | None = None) -> Schema:
+def of_class(made: Callable[..., Any], doc: str = "") -> Format:
+    """The table whose keys are the parameters of a class, with their types and defaults."""
+    rows = []
+    for name, known in inspect.signature(made).parameters.items():
+        check = checks_of(made).get(name)
+        if check is not None:
+            default = REQUIRED if known.default is known.empty else known.default
+            rows.append(Key(name, _of_check(check), default=default))
+    return Format(doc, tuple(rows), made)
+
+
+def _of_check(check: TypeCheck) -> Type:
+    words = check.words.removesuffix(" or None").replace("True or False", "true or false")
+
+    def read_value(table: Table, key: Key, here: Context) -> Any:
+        value = table.plain(key.name, words)
+        if not check.passes(value):
+            raise table.fail(key.name, words)
+        if isinstance(value, int) and not isinstance(value, bool) and check.passes(0.5):
+            return float(value)
+        return tuple(value) if isinstance(value, list) else value
+
+    return Type(read_value, {"title": words})
+
+
+def required(doc: str, make: Callable[..., Any] = dict, **types: Type) -> Format:
+    """A table of required keys whose names and units say all."""
+    return Format(doc, tuple(Key(name, kind) for name, kind in types.items()), make)
+
+
+def _numbers(above: float | None = None, least: float | None = None, most: float = math.inf) -> Schema:
     low = {"exclusiveMinimum": above} if above is not None else {"minimum": -LARGEST if least is None else least}
-    return {"type": "number", "maximum": LARGEST, **low}
+    return {"type": "number", "maximum": min(most, LARGEST), **low}
 
 
-def number(*, above: float | None = None, least: float | None = None) -> Type:
-    """A number, ``> above`` or ``>= least``."""
-    return Type(lambda table, key, here: table.number(key.name, above=above, least=least), _numbers(above, least))
+def number(*, above: float | None = None, least: float | None = None, most: float = math.inf) -> Type:
+    """A number, ``> above`` or ``>= least``, and ``<= most``."""
+    return Type(
+        lambda table, key, here: table.number(key.name, above=above, least=least, most=most),
+        _numbers(above, least, most),
+    )
+
+
+def by_name(of: Callable[[Context], Sequence[str]], least: float | None = None) -> Type:
+    """A table with numbers for some of the names of the context."""
+
+    def read_numbers(table: Table, key: Key, here: Context) -> dict[str, float]:
+        inner = table.table(key.name)
+        if inner is None:
+            raise table.fail(key.name, f"a table of numbers: {key.what or key.doc}")
+        inner.only(*of(here))
+        return {name: inner.number(name, least=least) for name in inner.entries}
+
+    return Type(read_numbers, {"type": "object", "additionalProperties": _numbers(least=least)})
+
+
+def any_table() -> Type:
+    """A table with any keys."""
+
+    def read_any(table: Table, key: Key, here: Context) -> Table:
+        found = table.table(key.name)
+        if found is None:
+            raise table.fail(key.name, "a table")
+        return found
+
+    return Type(read_any, {"type": "object"})
+
+
+def each(*kinds: type, what: str, schema: Schema) -> Type:
+    """A list of values of these types, which are checked further later; ``what`` they are."""
+
+    def read_each(table: Table, key: Key, here: Context) -> list[Any]:
+        found = table.plain(key.name, f"a list of {what}")
+        if not isinstance(found, list) or not all(isinstance(value, kinds) for value in found):
+            raise table.fail(key.name, f"a list of {what}")
+        return found
+
+    return Type(read_each, list_of(schema))
+
+
+def among(*numbers: int) -> Type:
+    """One of the known whole numbers."""
+
+    def read_known(table: Table, key: Key, here: Context) -> int:
+        found = table.number(key.name)
+        if found not in numbers:
+            raise table.fail(key.name, "one of " + ", ".join(map(str, numbers)))
+        return int(found)
+
+    return Type(read_known, {"enum": list(numbers)})
 
 
 def whole(low: int, high: int) -> Type:
@@ -308,7 +403,7 @@ def sub(form: Form | Callable[[], Form]) -> Type:
     def read_sub(table: Table, key: Key, here: Context) -> Any:
         inner = table.table(key.name)
         if inner is None:
-            raise table.fail(key.name, f"a table: {key.what}")
+            raise table.fail(key.name, f"a table: {key.what or key.doc}")
         return read(inner, form() if callable(form) else form, here)
 
     return Type(read_sub, {}, form=form)

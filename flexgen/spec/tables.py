@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from flexgen.errors import ModelError
+from flexgen.errors import ArgumentError, FileError, ModelError
 from flexgen.spec.ports import identifier_problem
-from flexgen.spec.toml_lines import Entry, unwrap
+from flexgen.spec.toml_lines import WIDTH, Entry, TextError, leaves, parse, unwrap
 
 IDENTIFIER = "^(?!.*__)[A-Za-z][A-Za-z0-9_]{0,30}$"  # as identifier_problem
 UNITS = ("_rad", "_deg")
@@ -29,11 +31,6 @@ def as_number(value: Any) -> float | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
-
-
-def _in_range(numbers: Sequence[float]) -> bool:
-    """Whether each number is 0 or has a magnitude that a model can have."""
-    return all(x == 0.0 or SMALLEST <= abs(x) <= LARGEST for x in numbers)
 
 
 def show(value: Any, limit: int = 80) -> str:
@@ -103,14 +100,23 @@ class Table:
         Dotted path of the table; empty for the whole file.
     """
 
+    error: type[ModelError] = ModelError
+    range: tuple[float, float] = SMALLEST, LARGEST
+    size_max, width = 1_000_000, float(WIDTH)  # bytes of a file, characters of a line
+
     def __init__(self, file: str, entry: Entry, key: str) -> None:
         self.file, self.key, self.line = entry.file or file, key, entry.line
         if not isinstance(entry.value, dict):
-            raise ModelError(self.file, entry.line, key, show(unwrap(entry)), "a table")
+            raise self.error(self.file, entry.line, key, show(unwrap(entry)), "a table")
         self.entries: dict[str, Entry] = entry.value
 
     def __contains__(self, key: str) -> bool:
         return key in self.entries
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The table as plain data."""
+        return {key: unwrap(entry) for key, entry in self.entries.items()}
 
     def path(self, key: str | None) -> str:
         """Dotted path of a key of this table; of the table itself for None."""
@@ -124,7 +130,7 @@ class Table:
         if given is None:
             given = "nothing" if entry is None else show(unwrap(entry))
         file, line = (self.file, self.line) if entry is None else (entry.file or self.file, entry.line)
-        return ModelError(file, line, self.path(key), given, expected)
+        return self.error(file, line, self.path(key), given, expected)
 
     def where(self) -> Where:
         """Position of the table in its file, for later messages."""
@@ -144,10 +150,25 @@ class Table:
             raise self.fail(key, expected)
         return self.entries[key].value
 
+    def plain(self, key: str, expected: str) -> Any:
+        """Any value, as plain data."""
+        self._get(key, expected)
+        return unwrap(self.entries[key])
+
+    def _in_range(self, numbers: Sequence[float]) -> bool:
+        """Whether each number is 0 or has a magnitude that it can have."""
+        return all(x == 0.0 or self.range[0] <= abs(x) <= self.range[1] for x in numbers)
+
     def number(
-        self, key: str, default: float | None = None, *, above: float | None = None, least: float | None = None
+        self,
+        key: str,
+        default: float | None = None,
+        *,
+        above: float | None = None,
+        least: float | None = None,
+        most: float = math.inf,
     ) -> float:
-        """A finite number, ``> above`` or ``>= least``; required if there is no default."""
+        """A finite number, ``> above`` or ``>= least``, and ``<= most``; required if there is no default."""
         if default is not None and key not in self.entries:
             return default
         expected = "a number"
@@ -155,10 +176,13 @@ class Table:
             expected += f" > {above:g}"
         if least is not None:
             expected += f" >= {least:g}"
+        if most < math.inf:
+            expected += f", at most {most:g}"
         number = as_number(self._get(key, expected))
-        if number is None or (above is not None and number <= above) or (least is not None and number < least):
+        low = above is not None and number is not None and number <= above
+        if number is None or low or (least is not None and number < least) or number > most:
             raise self.fail(key, expected)
-        if not _in_range([number]):
+        if not self._in_range([number]):
             raise self.fail(key, f"a number {MAGNITUDE}")
         return number
 
@@ -188,9 +212,9 @@ class Table:
             number = as_number(item.value)
             if number is None:
                 given = show(unwrap(self.entries[key]))
-                raise ModelError(item.file or self.file, item.line, self.path(key), given, expected)
+                raise self.error(item.file or self.file, item.line, self.path(key), given, expected)
             out.append(number)
-        if not _in_range(out):
+        if not self._in_range(out):
             raise self.fail(key, f"numbers {MAGNITUDE}; write 0 for a rounding error")
         return tuple(out)
 
@@ -280,7 +304,7 @@ class Table:
 
     def table(self, key: str) -> Table | None:
         """A table, or None if the key is missing."""
-        return Table(self.file, self.entries[key], self.path(key)) if key in self.entries else None
+        return type(self)(self.file, self.entries[key], self.path(key)) if key in self.entries else None
 
     def tables(self, key: str, required: bool = True) -> list[Table]:
         """A list of tables; the key path of each contains its name if that is valid, else its index."""
@@ -293,8 +317,16 @@ class Table:
         for index, entry in enumerate(value):
             name = entry_name(entry)
             path = f"{self.path(key)}[{index}]" if name is None else f"{self.path(key)}.{name}"
-            out.append(Table(self.file, entry, path))
+            out.append(type(self)(self.file, entry, path))
         return out
+
+
+class FileTable(Table):
+    """A table of a file that is not of a model: numbers have any magnitude, files may be larger."""
+
+    error = FileError
+    range = 0.0, math.inf
+    size_max, width = 2**24, math.inf
 
 
 def entry_name(entry: Entry) -> str | None:
@@ -302,3 +334,43 @@ def entry_name(entry: Entry) -> str | None:
     name = entry.value.get("name") if isinstance(entry.value, dict) else None
     good = name is not None and isinstance(name.value, str) and identifier_problem(name.value) is None
     return name.value if good and name is not None else None
+
+
+def file_bytes(path: Path, what: str, shown: str = "") -> bytes:
+    """The content of a file, at most a byte more than any table may have; ArgumentError where it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(FileTable.size_max + 1)
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason, given = getattr(error, "strerror", None) or error, shown or str(path)
+        text = f"{what}: given {given!r}, which cannot be read ({reason}), expected a readable file"
+        raise ArgumentError(text) from None
+
+
+def parse_bytes(raw: bytes, shown: str, kind: type[Table] = Table) -> Entry:
+    """Parse the content of a TOML file into a tree of entries with their line numbers."""
+    if len(raw) > kind.size_max:
+        raise kind.error(shown, 0, "file", f"more than {kind.size_max} bytes", f"at most {kind.size_max} bytes")
+    raw = raw.removeprefix(codecs.BOM_UTF8)
+    try:
+        return parse(raw.decode("utf-8"), shown, kind.width)
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise kind.error(shown, line, "file", f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
+    except TextError as error:
+        raise kind.error(shown, error.line, "file", error.given, error.expected) from None
+
+
+def parse_file(path: Path, shown: str) -> Entry:
+    """Parse a model file, or one of moves or recordings."""
+    return parse_bytes(file_bytes(path, "model", shown), shown)
+
+
+def file_table(raw: bytes, path: Path) -> FileTable:
+    """The table of a file that is not of a model; its whole numbers have at most 64 bits, as TOML 1.0 says."""
+    root = parse_bytes(raw, str(path), FileTable)
+    for entry in leaves(root):
+        if isinstance(entry.value, int) and not -(2**63) <= entry.value < 2**63:
+            given = f"a whole number of {entry.value.bit_length()} bits"
+            raise FileError(str(path), entry.line, "file", given, "at most 64 bits; write 1e30 for a large number")
+    return FileTable(str(path), root, "")

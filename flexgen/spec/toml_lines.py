@@ -42,24 +42,24 @@ class TextError(Exception):
         super().__init__(f"line {line}: given {given}, expected {expected}")
 
 
-def parse(text: str, file: str = "") -> Entry:
-    """Parse TOML text into a tree of Entries with lines and file.
+def parse(text: str, file: str = "", width: float = WIDTH) -> Entry:
+    """Parse TOML text, of lines of at most ``width`` characters, into a tree of Entries with lines and file.
 
     Raises
     ------
     TextError
         The text is not valid TOML, or is nested too deeply.
     """
-    return copy(_parsed(text, file))
+    return copy(_parsed(text, file, width))
 
 
 @lru_cache(maxsize=8)  # the same few models are read again and again
-def _parsed(text: str, file: str) -> Entry:
+def _parsed(text: str, file: str, width: float) -> Entry:
     """The tree of a text, which is never changed."""
     text = text.replace("\r\n", "\n")
     for number, row in enumerate(text.split("\n"), 1):
-        if len(row) > WIDTH:
-            raise TextError(number, f"a line of {len(row)} characters", f"at most {WIDTH}")
+        if len(row) > width:
+            raise TextError(number, f"a line of {len(row)} characters", f"at most {width:g}")
     try:
         data = tomllib.loads(text)
     except RecursionError:
@@ -73,36 +73,6 @@ def _parsed(text: str, file: str) -> Entry:
         raise TextError(line, given, "TOML 1.0") from None
     check_depth(data)
     return _attach(data, (), Scanner(text).lines, 1, file)
-
-
-def plain_table(text: str) -> dict[str, Any]:
-    """A TOML text as plain data, for tables that are not of a model; TextError as in `parse`, with the line.
-
-    Whole numbers have at most 64 bits, as TOML 1.0 says.
-    """
-    try:
-        data = tomllib.loads(text)
-    except RecursionError:
-        raise TextError(0, "values nested too deeply", f"at most {DEPTH} levels") from None
-    except ValueError as error:
-        raise TextError(0, f"text that is not TOML ({str(error)[:200]})", "TOML 1.0") from None
-    check_depth(data)
-    for path, value in _leaves(data, ()):
-        if isinstance(value, int) and not -(2**63) <= value < 2**63:
-            key = ".".join(map(str, path))
-            line = Scanner(text.replace("\r\n", "\n")).lines.get(path, 0)
-            given = f"a whole number of {value.bit_length()} bits"
-            raise TextError(line, f"{given} for {key[:80]!r}", "at most 64 bits; write 1e30 for a large number")
-    return data
-
-
-def _leaves(data: Any, path: Path) -> Iterator[tuple[Path, Any]]:
-    """Values other than tables and lists, with their paths."""
-    if isinstance(data, dict | list):
-        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
-            yield from _leaves(value, (*path, key))
-    else:
-        yield path, data
 
 
 def check_depth(data: Any) -> None:
@@ -123,6 +93,15 @@ def check_depth(data: Any) -> None:
 def wrap(data: Any, line: int = 0, file: str = "") -> Entry:
     """Convert plain data to Entries with the same line and file."""
     return _attach(data, (), {}, line, file)
+
+
+def leaves(entry: Entry) -> Iterator[Entry]:
+    """The values other than tables and lists."""
+    if not isinstance(entry.value, dict | list):
+        yield entry
+        return
+    for child in entry.value.values() if isinstance(entry.value, dict) else entry.value:
+        yield from leaves(child)
 
 
 def unwrap(entry: Entry) -> Any:

@@ -1,27 +1,74 @@
-"""Grids from TOML files."""
+"""Rows of the files of grids, and their reader."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from flexgen.counts import RANDOM_MOVES, count_of, seconds_of
-from flexgen.errors import ArgumentError
-from flexgen.spec.toml_lines import TextError, plain_table
-from flexgen.sweeps.cases import Grid, MoveChoice, combinations, random_moves
+from flexgen.counts import RANDOM_MOVES, SECONDS
+from flexgen.spec.keys import Context, Format, Key, any_table, each, number, read, sub, whole
+from flexgen.spec.tables import Table, file_bytes, file_table
+from flexgen.spec.toml_lines import unwrap
+from flexgen.sweeps.cases import Grid, MoveChoice, RandomMove, combinations, random_moves
 
-KEYS = ("models", "methods", "moves", "random", "parameters", "set", "options")
-RANDOM = {"count": RANDOM_MOVES, "seed": 2**63 - 1, "duration": 0, "smoothness": 100}  # keys, largest whole numbers
+
+def _check_changes(table: Table, here: Context) -> None:
+    if "parameters" in table and "set" in table:
+        raise table.fail("set", "either [parameters] or [[set]]", "both")
+
+
+def _grid(models: Any, moves: Any, random: tuple[MoveChoice, ...], **values: Any) -> Grid:
+    """The grid; ``random`` moves come after those that are named."""
+    named = [*moves, *random]
+    listed, options = values["parameters"], values["options"]
+    changes = values["set"] if listed is None else combinations(_flat(listed))
+    return Grid(models, named or (None,), values["methods"], changes, {} if options is None else options.data)
+
+
+def _flat(table: Table, prefix: str = "") -> dict[str, Any]:
+    """A table with flat dotted keys: ``a.b = 1`` and ``"a.b" = 1`` mean the same."""
+    out: dict[str, Any] = {}
+    for key, entry in table.entries.items():
+        inner = table.table(key) if isinstance(entry.value, dict) else None
+        out |= {prefix + key: unwrap(entry)} if inner is None else _flat(inner, f"{prefix}{key}.")
+    return out
+
+
+RANDOM = Format(
+    "joint moves that are drawn at random within the limits of each model",
+    (
+        Key("count", whole(0, RANDOM_MOVES), "how many"),
+        Key("seed", whole(0, 2**63 - 1), "seed of the draws", default=RandomMove.seed),
+        Key("duration", number(above=0.0, most=SECONDS), "duration", "s", RandomMove.duration),
+        Key("smoothness", whole(0, 100), "number of continuous derivatives", default=RandomMove.smoothness),
+    ),
+    make=random_moves,
+)
+_NAMES = each(str, what="names", schema={"type": "string"})
+_SETS = each(dict, what="tables", schema={"type": "object"})
+_PATHS = "dotted paths of the model file to lists of values: all combinations, the last path fastest"
+GRID = Format(
+    "grid of a sweep: all combinations of models, changes, moves and methods",
+    (
+        Key("models", _NAMES, "names, or paths relative to the current folder", check=_check_changes),
+        Key("methods", _NAMES, "methods of inverse dynamics", default=Grid.methods),
+        Key("moves", _NAMES, "names of moves; none: the first move of each model", default=[]),
+        Key("random", sub(RANDOM), RANDOM.doc, default=(), note="a table with count"),
+        Key("parameters", any_table(), _PATHS, default=None),
+        Key(
+            "set",
+            _SETS,
+            "instead of parameters: one set of changes after the other, the paths in quotes",
+            default=({},),
+        ),
+        Key("options", any_table(), "options of all cases, as in `flexgen.Grid`", default=None),
+    ),
+    make=_grid,
+)
 
 
 def read_grid(path: str | Path) -> Grid:
-    """Read a grid.
-
-    ``models``, ``methods``, ``moves``: lists of names. ``[random]``: joint moves within the limits of each model,
-    ``count`` moves, with ``seed``, ``duration`` [s] and ``smoothness``. ``[parameters]``: dotted paths of the model
-    file to lists of values, all combinations; or ``[[set]]``: one parameter set after the other, the paths in
-    quotes. ``[options]``: of all cases. Paths of models are relative to the current folder.
+    """Read a grid; its keys are on the page of keys (`docs/model_keys.md`).
 
     Parameters
     ----------
@@ -36,70 +83,6 @@ def read_grid(path: str | Path) -> Grid:
     ArgumentError
         The file cannot be read, or is not a grid.
     """
-    try:
-        data = plain_table(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ArgumentError(f"grid: given {str(path)!r}, which cannot be read ({error.strerror or error})") from None
-    except UnicodeError as error:
-        raise ArgumentError(f"{path}: given a file that is not TOML ({error})") from None
-    except TextError as error:
-        where = f"{path}, line {error.line}" if error.line else f"{path}"
-        raise ArgumentError(f"{where}: given {error.given}, expected {error.expected}") from None
-    try:
-        return _grid(data)
-    except ArgumentError as error:
-        raise ArgumentError(f"{path}: {error}") from None
-
-
-def _grid(data: Mapping[str, Any]) -> Grid:
-    for key in data:
-        if key not in KEYS:
-            raise ArgumentError(f"given the key {key!r}, expected some of {', '.join(KEYS)}")
-    moves: Any = data.get("moves", [])
-    if "random" in data and isinstance(moves, list):
-        moves = [*moves, *_random(data["random"])]
-    if "parameters" in data and "set" in data:
-        raise ArgumentError("given [parameters] and [[set]], expected one of them")
-    changes: Any = data.get("set", [{}])
-    if "parameters" in data:
-        changes = combinations(_table(data, "parameters"))
-    return Grid(
-        data.get("models", ()),
-        (None,) if moves == [] else moves,
-        data.get("methods", ("auto",)),
-        changes,
-        _table(data, "options") if "options" in data else {},
-    )
-
-
-def _random(table: Any) -> list[MoveChoice]:
-    if not isinstance(table, dict) or "count" not in table:
-        raise ArgumentError(f"random: given {table!r}, expected a table with count")
-    for key, value in table.items():
-        if key not in RANDOM:
-            raise ArgumentError(f"random: given the key {key!r}, expected some of {', '.join(RANDOM)}")
-        if key == "duration":
-            seconds_of(f"random.{key}", value)
-        else:
-            count_of(f"random.{key}", value, RANDOM[key], 0)
-    return list(random_moves(**table))
-
-
-def _table(data: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """A table with flat dotted keys: ``a.b = 1`` and ``"a.b" = 1`` mean the same."""
-    value = data[key]
-    if not isinstance(value, dict):
-        raise ArgumentError(f"{key}: given {value!r}, expected a table")
-    if key == "options":
-        return value
-    out: dict[str, Any] = {}
-
-    def flatten(prefix: str, table: dict[str, Any]) -> None:
-        for name, item in table.items():
-            if isinstance(item, dict):
-                flatten(f"{prefix}{name}.", item)
-            else:
-                out[prefix + name] = item
-
-    flatten("", value)
-    return out
+    file = Path(path)
+    found: Grid = read(file_table(file_bytes(file, "grid"), file), GRID, Context())
+    return found

@@ -399,11 +399,14 @@ def test_a_law_needs_a_planned_motion():
     [
         (
             'type = "feedback_linearisation"\nhz = 3.0',
-            "given the key 'hz', expected some of frequency_hz, form, predict",
+            "2:hz: given an unknown key, expected one of allow_unstable, description, form, frequency_hz",
         ),
-        ('type = "lq"\nrho = "big"', "rho: given 'big', expected a number"),
-        ('type = "tomei_pd"\nk_p = [1.0, true]\nk_d = [1.0, 1.0]', "k_p: given .*, expected numbers in brackets"),
-        ('type = "fuzzy"', "given 'fuzzy', expected one of ppi, cascade, linear, lqg, .*, feedback_linearisation"),
+        ('type = "lq"\nrho = "big"', '2:rho: given "big", expected a finite number'),
+        (
+            'type = "tomei_pd"\nk_p = [1.0, true]\nk_d = [1.0, 1.0]',
+            "2:k_p: given .*, expected a sequence with a number in each place",
+        ),
+        ('type = "fuzzy"', '1:type: given "fuzzy", expected one of cascade, .*, feedback_linearisation'),
     ],
 )
 def test_wrong_files_are_refused(tmp_path, text, words):

@@ -1,10 +1,12 @@
-"""The page of all keys of model files, rendered from their rows: ``python tests/support/key_page.py`` writes it."""
+"""The page of all keys of files, rendered from their rows: ``python tests/support/key_page.py`` writes it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from flexgen.benchmarks import scenario_file as scenario
+from flexgen.loop.controller_files import CONTROLLER, LOW_PASS, NOTCH
 from flexgen.model.format import JOINT, LINK, MODEL, URDF, VARIANT
 from flexgen.model.format_devices import MOTOR, SENSOR
 from flexgen.model.format_programs import PROGRAM, STEP
@@ -24,6 +26,7 @@ from flexgen.model.format_robot import (
 from flexgen.model.format_tasks import LEG, MOVE, OUTPUT
 from flexgen.spec.keys import REQUIRED, Form, Key, Kinds, Schema
 from flexgen.spec.schema import key_schemas
+from flexgen.sweeps.grid_file import GRID, RANDOM
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "model_keys.md"
 TABLES: dict[str, Form] = {
@@ -51,18 +54,42 @@ TABLES: dict[str, Form] = {
     '`[joint.NAME]`, `[joint."*"]`': JOINT,
     "`[link.NAME]`": LINK,
 }
+OTHERS: dict[str, Form] = {
+    "Controller files": CONTROLLER,
+    "`[[low_pass]]` of a controller": LOW_PASS,
+    "`[[notch]]` of a controller": NOTCH,
+    "Grid files": GRID,
+    "`[random]` of a grid": RANDOM,
+    "Scenario files": scenario.FORMATS[2],
+    "`[model]` of a scenario": scenario.MODEL,
+    "`[[output]]` of a scenario": scenario.OUTPUT,
+    "`[draw]` of a scenario": scenario.SPANS,
+    "`[[segment]]` of a scenario": scenario.SEGMENT,
+    "`[[disturbance]]` of a scenario": scenario.DISTURBANCE,
+    "`[measures]` of a scenario": scenario.MEASURES,
+    "`windows` of measures": scenario.WINDOW,
+    "`[score]` of a scenario": scenario.SCORE,
+    "`[[set]]` of a scenario": scenario.SET,
+    "`factors` of a set": scenario.FACTOR,
+    "`[accept]` of a scenario": scenario.LIMITS,
+}
 TOP = """# Keys of model files
 
 This page lists all keys of [model files](../models/README.md). It is written from the rows in
 `flexgen/model/format*.py`, from which the reader, the JSON schema (`flexgen schema`) and the writer are made too. A
 required key that ends in `_rad` or `_deg` is given under one of the two. A name is a letter, then at most 30 letters,
 digits or underscores. Numbers have a magnitude of 1e-18 to 1e12, or are 0.
+
+The sections at the end are about files of [controllers](motion_control.md), of the [grids](cluster.md) of sweeps and
+of the scenarios of benchmarks; their numbers have any magnitude. A controller file with the `type` of a feedback law
+has the parameters of its class as keys. A scenario of format 1 has `[[disturbance]]` instead of `rule`, `[draw]` and
+`[[segment]]`, and no `version` of `[measures]`.
 """
 
 
 def page() -> str:
     """The text of the page."""
-    return "\n".join([TOP, *(line for title, form in TABLES.items() for line in section(title, form))])
+    return "\n".join([TOP, *(line for title, form in (TABLES | OTHERS).items() for line in section(title, form))])
 
 
 def section(title: str, form: Form) -> Iterator[str]:
@@ -89,7 +116,10 @@ def rows(keys: Sequence[Key]) -> list[str]:
         schemas = key_schemas(key)
         first = next(iter(schemas.values()))
         default = "required" if key.default is REQUIRED else str(first.get("default", "")).lower()
-        names, doc = ", ".join(f"`{name}`" for name in schemas), first["description"].removesuffix(key.type.rule)
+        names, doc = (
+            ", ".join(f"`{name}`" for name in schemas),
+            first.get("description", "").removesuffix(key.type.rule),
+        )
         out.append(f"| {names} | {value_text(first)} | {default} | {doc} |")
     return out
 
@@ -98,6 +128,8 @@ def value_text(schema: Schema) -> str:
     """What a value is, in a few words."""
     if "$ref" in schema or "allOf" in schema:
         return f"table `{(schema.get('allOf') or [schema])[0]['$ref'].rpartition('/')[2]}`"
+    if "title" in schema:
+        return str(schema["title"])
     if "enum" in schema:
         return ", ".join(f"`{word}`" for word in schema["enum"])
     kind = schema.get("type", "")
@@ -119,7 +151,11 @@ def value_text(schema: Schema) -> str:
 
 def _list_text(schema: Schema) -> str:
     item = value_text(schema["items"]).removeprefix("table ")
-    of = item.replace("number", "numbers", 1).replace("text", "texts").replace("table", "tables")
+    of = (
+        item
+        if item.startswith("list")
+        else item.replace("number", "numbers", 1).replace("text", "texts").replace("table", "tables")
+    )
     sizes = [(one.get("minItems", 0), one.get("maxItems", 0)) for one in schema.get("anyOf", [schema])]
     if not sizes[0][1]:
         return f"list of {of}"

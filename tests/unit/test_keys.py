@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
-from key_page import PAGE, TABLES, page
+from key_page import OTHERS, PAGE, TABLES, page
 
 from flexgen.model.format_robot import BODY, SPRING
 from flexgen.spec.keys import Form, Key, Kinds
@@ -29,7 +29,10 @@ READERS = {
     "words",
     "name",
 }
-ROWS = "flexgen/model/format"  # files that may read keys by name: what a row cannot say in data
+# Files that may read keys by name: what a row cannot say in data.
+ROWS = tuple(
+    f"flexgen/{path}" for path in ("model/format", "loop/controller_f", "sweeps/grid_f", "benchmarks/scenario_f")
+)
 SHORT = 20  # characters of a text that may occur twice by chance
 
 
@@ -72,12 +75,16 @@ def read_by_name(node: ast.AST) -> Iterable[tuple[int, str]]:
 @pytest.fixture(scope="module")
 def sources() -> dict[str, str]:
     """The sources of the readers and writers of model files."""
-    paths = [path for room in ("model", "exports", "spec") for path in (ROOT / "flexgen" / room).rglob("*.py")]
+    paths = [
+        path
+        for room in ("model", "exports", "spec", "loop", "sweeps", "benchmarks")
+        for path in (ROOT / "flexgen" / room).rglob("*.py")
+    ]
     return {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in sorted(paths)}
 
 
 def test_each_key_is_stated_once(sources: dict[str, str]) -> None:
-    assert stated_twice(TABLES, sources) == []
+    assert stated_twice(TABLES | OTHERS, sources) == []
 
 
 @pytest.mark.parametrize(

@@ -65,10 +65,10 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import parse_file, read
+from flexgen.model.reader import read
 from flexgen.model.sensors import UNITS
 from flexgen.npz_files import NpzError, read_npz
-from flexgen.spec.tables import Table
+from flexgen.spec.tables import Table, parse_file
 
 KEYS = (
     "model period_s segment_s hold lines line_numbers f_min f_max delay_s transients time torque angle signal "
