@@ -16,8 +16,10 @@ from flexgen.identification.experiments.experiment import HOLDS, Experiment
 from flexgen.identification.experiments.spectra import line_offsets, spectrum, windowed_spectrum
 from flexgen.identification.outputs import output_orders
 from flexgen.identification.recordings.description import Description, Recording, read_description
+from flexgen.loop.controller_files import LOW_PASS, NOTCH
 from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.loop.hardware import DriveHardware
+from flexgen.spec.keys import Context, number, read
 from flexgen.spec.tables import Table
 
 LINES = ("excited", "odd", "all")
@@ -148,15 +150,10 @@ def _drive(root: Table, sample_s: float, n: int) -> tuple[DriveHardware, Cascade
         if not (values >= 0).all() or (key == "speed_gain" and not values.all()):
             raise table.fail(key, "numbers > 0" if key == "speed_gain" else "numbers >= 0")
     filters: list[LowPass | Notch] = []
-    for name, kind, defaults in (
-        ("low_pass", LowPass, {"damping": 0.7}),
-        ("notch", Notch, {"zero_damping": 0.1, "pole_damping": 0.7}),
-    ):
+    for name, form in (("low_pass", LOW_PASS), ("notch", NOTCH)):
         inner = table.table(name)
         if inner is not None:
-            inner.only("frequency_hz", *defaults)
-            dampings = [inner.number(key, value, above=0.0) for key, value in defaults.items()]
-            filters.append(kind(inner.number("frequency_hz", above=0.0), *dampings))
+            filters.append(read(inner, form.typed(**dict.fromkeys(form.names, number(above=0.0))), Context()))
     noise = [table.number(key, 0.0, least=0.0) for key in NOISES]
     resolution, encoder, torque = noise
     return DriveHardware(sample_s, delay, resolution, encoder, torque), Cascade(
