@@ -163,7 +163,7 @@ static inline void quintic_term(int term, real x, real out[3])
     quintic(x, left, right, out);
 }
 
-static inline void prepare(interpolant *f)
+MODEL_INLINE void prepare(interpolant *f)
 {
     real a[STAGES][STAGES + TERMS];
     for (int i = 0; i < STAGES; ++i) {
@@ -184,7 +184,7 @@ static inline void prepare(interpolant *f)
 }
 
 /* Weights of the terms in value, speed and acceleration at x, 0 <= x <= 1, of an interval of length h. */
-static inline void weights_at(const interpolant *f, real h, real x, real weight[3 * TERMS])
+MODEL_INLINE void weights_at(const interpolant *f, real h, real x, real weight[3 * TERMS])
 {
     static const int power[TERMS] = {0, 1, 1, 2, 2, 2, 2, 2}; /* of h that makes a term a position */
     real bumps[STAGES][3];

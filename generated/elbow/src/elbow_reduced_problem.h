@@ -415,7 +415,7 @@ static inline int solve_kinematics(problem_points *p, real *space)
  * output which are left are rounding, one evaluation is enough: they are products of the changes with each other or
  * with the error of the inverse.
  */
-static inline int improve_kinematics(problem_points *p, real *space)
+ELBOW_INLINE int improve_kinematics(problem_points *p, real *space)
 {
     real miss = 1.0, most, faster, harder, speed = 0.0, acceleration = 0.0;
     if (p->known[0] > 0.0) {
