@@ -17,7 +17,7 @@ from flexgen.type_checks import checked_result
 @checked_result
 @dataclass(frozen=True)
 class Exported(Result):
-    """What an export wrote; it stands for its `path` wherever a path is accepted.
+    """What an export wrote; accepted wherever a path is, as its `path`.
 
     Parameters
     ----------
