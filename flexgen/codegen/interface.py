@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from flexgen.codegen.clib_types import Enum, Field, Limit, Status, Struct
 from flexgen.runtime.identity import ABI_VERSION as ABI_VERSION
+from flexgen.runtime.identity import TOLERANCES
 
 INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
 DELAY_MAX = 4  # of the drive, in samples
 PARTS = ("bvp",)  # optional parts of a library: hand-written functions that it has only where they are asked for
-TOLERANCES = {"double": 1e-6, "single": 1e-3}  # recommended relative residuals
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 LIMITS = (
     Limit("STREAM_INTERVALS_MAX", INTERVALS_MAX, "intervals of a horizon, at most"),

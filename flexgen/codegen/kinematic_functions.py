@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 from flexgen.codegen.clib_types import CFunction, Field
 from flexgen.model.elements import Dof, RobotModel
+from flexgen.runtime.identity import CONFIGURATIONS_MAX, STARTS, STARTS_MAX
 
 USED = ("forward_kinematics", "jacobian")  # functions of one point that it calls
 FREE = 6  # joints that it finds
-CONFIGURATIONS_MAX = 16  # of an arm with six rotations, away from singularities
-STARTS, STARTS_MAX = 1536, 1_000_000  # recommended; at most
 
 _HEADER = "inverse_kinematics"
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 
 from flexgen.codegen.c_text import comment, macro
 from flexgen.codegen.clib_files import batch_call, described, fixed_files, render, space_of
-from flexgen.codegen.kinematic_functions import CONFIGURATIONS_MAX, STARTS, STARTS_MAX, USED
+from flexgen.codegen.kinematic_functions import USED
 from flexgen.codegen.spec import LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
+from flexgen.runtime.identity import CONFIGURATIONS_MAX, STARTS, STARTS_MAX
 
 HEADER = "inverse_kinematics"
 

@@ -359,7 +359,7 @@ def _content_digest(request: _Request) -> str:
     choices += [list(request.parts)]
     choices += [] if request.solvers is None else [list(request.solvers)]
     root = Path(__file__).resolve().parent.parent
-    sources = [root / "spec" / "ports.py", root / "codegen" / "digest.py", root / "model" / "elements.py"]
+    sources = [root / path for path in ("spec/ports.py", "runtime/identity.py", "model/elements.py")]
     sources += added_sources(request.model)
     for folder in ("analysis", "codegen", "expressions", "library", "mechanics", "numerics", "recursion"):
         sources += sorted(path for path in (root / folder).iterdir() if path.suffix == ".py")

@@ -9,11 +9,12 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis.zeros import PREVIEW_SHARE, pencil_zeros, preview, time_constants
-from flexgen.codegen.interface import INTERVALS_MAX, TOLERANCES
+from flexgen.codegen.interface import INTERVALS_MAX
 from flexgen.codegen.spec import LibrarySpec, StreamDefaults
 from flexgen.expressions.routine import Expressions
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.runtime.identity import TOLERANCES
 
 PERIOD = 5e-3  # s: of an update
 SAMPLES = 5  # per interval

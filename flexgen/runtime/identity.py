@@ -14,6 +14,9 @@ from flexgen.errors import BuildError
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder
 
 ABI_VERSION, FORMAT = 5, 3  # of the interface between Python and C; of the manifest
+TOLERANCES = {"double": 1e-6, "single": 1e-3}  # of whole paths and streams: residual of a deflection of 1e-8 rad or m
+CONFIGURATIONS_MAX = 16  # of an arm with six rotations, away from singularities
+STARTS, STARTS_MAX = 1536, 1_000_000  # of the search of all of them: recommended; at most
 REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
 
 _SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_y", "n_t", "n_s", "n_p", "n_packed")

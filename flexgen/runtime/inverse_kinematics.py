@@ -11,10 +11,10 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
+from flexgen.runtime.identity import CONFIGURATIONS_MAX, STARTS, STARTS_MAX
 from flexgen.runtime.path_inversion import array_of, pointer
 from flexgen.runtime.structs import interface_of
 
-CONFIGURATIONS_MAX, STARTS = 16, 1536
 FUNCTION = "inverse_kinematics"
 
 
@@ -29,11 +29,11 @@ class InverseKinematics:
         entry: Callable[..., int],
         work: int,
         failures: Mapping[int, tuple[type[FlexgenError], str]],
-        unreachable: int,
+        statuses: Mapping[str, int],
         again: tuple[Callable[..., Any], tuple[Any, ...]],
     ) -> None:
         self._name, self._n_a, self._n_g, self._entry, self._work = name, n_a, n_g, entry, work
-        self._failures, self._unreachable, self._again = failures, unreachable, again
+        self._failures, self._statuses, self._again = failures, statuses, again
         self._closed = Event()
 
     def __repr__(self) -> str:
@@ -97,7 +97,7 @@ class InverseKinematics:
         for name, value in (("starts", starts), ("most", most)):
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
                 raise ArgumentError(f"{FUNCTION}: {name}: given {value!r}, expected a whole number of at least 1")
-        starts, most = min(int(starts), 1_000_000), min(int(most), CONFIGURATIONS_MAX)
+        starts, most = min(int(starts), STARTS_MAX), min(int(most), CONFIGURATIONS_MAX)
         q, work, count = np.empty((most, self._n_a)), np.empty(self._work), ctypes.c_int(0)
         status = int(
             self._entry(
@@ -105,7 +105,7 @@ class InverseKinematics:
                 pointer(q), ctypes.byref(count), pointer(work), ctypes.c_int64(work.size),
             )
         )  # fmt: skip
-        if status < 0 and status != self._unreachable:
+        if status < 0 and status != self._statuses["UNREACHABLE"]:
             self._refuse(status)
         return q[: min(count.value, most)]
 
@@ -127,9 +127,9 @@ class InverseKinematics:
 
     def _refuse(self, status: int) -> None:
         exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
-        if status == -5:
+        if status == self._statuses["BAD_ARGUMENT"]:
             text = "R is not a rotation matrix, |q_start| > 1000, or free coordinates without a motor"
-        elif status == -8:
+        elif status == self._statuses["NOT_CONVERGED"]:
             text = f"more than {CONFIGURATIONS_MAX} configurations at this pose, which is singular"
         raise exception(f"{FUNCTION}: {text}")
 
@@ -147,5 +147,5 @@ def inverse_kinematics_of(
     work = found(f"{name}_{FUNCTION}_work")
     work.restype = ctypes.c_int64
     entry = found(f"{name}_{FUNCTION}")
-    unreachable = interface_of(manifest).statuses["UNREACHABLE"]
-    return InverseKinematics(name, sizes["n_a"], sizes["n_g"], entry, int(work()), failures, unreachable, again)
+    statuses = interface_of(manifest).statuses
+    return InverseKinematics(name, sizes["n_a"], sizes["n_g"], entry, int(work()), failures, statuses, again)

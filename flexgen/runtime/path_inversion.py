@@ -17,10 +17,10 @@ from flexgen.counts import shown
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
+from flexgen.runtime.identity import TOLERANCES
 from flexgen.runtime.structs import Interface, filled, interface_of
 
-TOLERANCE = 1e-6  # of whole paths and streams: on the mesh the residual of a deflection of 1e-8 rad or m
-SINGLE_TOLERANCE = 1e-3  # the same in single precision: residuals of rounding are smaller
+TOLERANCE = TOLERANCES["double"]
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -136,10 +136,10 @@ class Inverter:
         return self._again
 
     def __repr__(self) -> str:
-        options = f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={tolerance_of(self._real):g}, "
-        options += "hold='spline', delay=0, settled=0"
-        options += ", parameters=None" if self._parameters.size else ""
-        return f"{self._function}(y, dy, ddy, *, period, q_start, {options})"
+        defaults = (type(self).__call__.__kwdefaults__ or {}) | {"tolerance": tolerance_of(self._real)}
+        shown = {name: f"{x:g}" if isinstance(x, int | float) else repr(x) for name, x in defaults.items()}
+        options = [f"{name}={x}" for name, x in shown.items() if name != "parameters" or self._parameters.size]
+        return f"{self._function}(y, dy, ddy, *, period, q_start, {', '.join(options)})"
 
     def close(self) -> None:
         """Refuse every call from now on; calls under way end as usual."""
@@ -361,7 +361,7 @@ def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:
 
 def tolerance_of(real: np.dtype[Any]) -> float:
     """The tolerance of a call that names none."""
-    return TOLERANCE if real == np.float64 else SINGLE_TOLERANCE
+    return TOLERANCES["double" if real == np.float64 else "single"]
 
 
 def array_of(function: str, name: str, x: Any, shape: tuple[int, ...] | None, real: np.dtype[Any]) -> np.ndarray:

@@ -149,3 +149,19 @@ def test_a_planted_option_without_parameter_is_seen():
 def test_a_word_without_meaning_is_refused():
     with pytest.raises(ValueError, match="given the word 'once!'"):
         verbs_of("check MODEL | check:check\n    files\n        colour NAME once!: of the table", "")
+
+
+def restated_defaults(help_text: str, default: object) -> bool:
+    """Whether a help states the number that is the default of the function, instead of ``{default}``."""
+    stated = re.findall(r"default: ([-+.\de]+)(?=[;,. ]|$)", help_text)
+    return isinstance(default, int | float) and any(float(text.rstrip(".")) == default for text in stated)
+
+
+def test_no_help_states_the_default_of_the_function_again():
+    for verb in VERBS.values():
+        defaults = defaults_of(verb.function) if verb.function else {}
+        again = [x.name for x in verb.options() if restated_defaults(x.help, defaults.get(x.parameter))]
+        assert again == [], verb.name
+    assert restated_defaults("sample time [s]; default: 0.001", 1e-3)
+    assert not restated_defaults("sample time [s]; default: {default}", 1e-3)
+    assert not restated_defaults("sample time [s]; default: 0.001", None)
