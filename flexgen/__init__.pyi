@@ -7,7 +7,7 @@ from flexgen.benchmarks.scenario import Segment as Segment
 from flexgen.benchmarks.scenario import Window as Window
 from flexgen.benchmarks.score import Score as Score
 from flexgen.benchmarks.score import score as score
-from flexgen.benchmarks.tune import Tuned as Tuned
+from flexgen.benchmarks.tune import TuningResult as TuningResult
 from flexgen.benchmarks.tune import tune as tune
 from flexgen.errors import ArgumentError as ArgumentError
 from flexgen.errors import BuildError as BuildError
@@ -34,7 +34,7 @@ from flexgen.identification.frequency_response import frf as frf
 from flexgen.identification.graybox import identify as identify
 from flexgen.identification.motion_fit import MotionFit as MotionFit
 from flexgen.identification.motion_fit import fit_motion as fit_motion
-from flexgen.identification.result import Identified as Identified
+from flexgen.identification.result import IdentificationResult as IdentificationResult
 from flexgen.identification.time_domain import refine as refine
 from flexgen.inverse_kinematics.search import Configuration as Configuration
 from flexgen.inverse_kinematics.search import kinematics as kinematics
@@ -53,7 +53,7 @@ from flexgen.laws.study import FeedbackStudy as FeedbackStudy
 from flexgen.laws.study import Setting as Setting
 from flexgen.laws.study import Trial as Trial
 from flexgen.laws.study import feedback_study as feedback_study
-from flexgen.library.generate import Generated as Generated
+from flexgen.library.generate import GeneratedLibrary as GeneratedLibrary
 from flexgen.library.generate import generate as generate
 from flexgen.loop.control import control as control
 from flexgen.loop.controllers import Cascade as Cascade
@@ -93,9 +93,9 @@ from flexgen.observers.extended_kalman import ExtendedKalmanFilter as ExtendedKa
 from flexgen.paths.path import Path as Path
 from flexgen.paths.path import plan as plan
 from flexgen.paths.reference import PathSample as PathSample
-from flexgen.performance.learn import Learned as Learned
+from flexgen.performance.learn import LearningResult as LearningResult
 from flexgen.performance.learn import learn as learn
-from flexgen.performance.minimum_time import Fastest as Fastest
+from flexgen.performance.minimum_time import FastestMove as FastestMove
 from flexgen.performance.minimum_time import fastest as fastest
 from flexgen.performance.payload import Load as Load
 from flexgen.performance.payload import identify_load as identify_load
@@ -130,3 +130,8 @@ from flexgen.trajectory import Trajectory as Trajectory
 
 __version__: str
 ExportedFmu = Exported
+Fastest = FastestMove
+Generated = GeneratedLibrary
+Identified = IdentificationResult
+Learned = LearningResult
+Tuned = TuningResult

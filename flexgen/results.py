@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 from flexgen import registry
-from flexgen.atomic_files import write_text
 from flexgen.display import as_json, plain, short_text, table_html
 from flexgen.errors import ArgumentError
 from flexgen.type_checks import checked_methods
@@ -44,6 +43,8 @@ class Result:
         """
         target, trajectory = Path(path), getattr(self, "trajectory", None)
         if target.suffix == ".json":
+            from flexgen.atomic_files import write_text
+
             return write_text(target, as_json(self.to_dict()) + "\n")
         if trajectory is not None:
             return Path((trajectory() if callable(trajectory) else trajectory).save(target))
@@ -123,6 +124,32 @@ class Result:
         return (
             {field.name: getattr(self, field.name) for field in fields(self)} if is_dataclass(self) else self.to_dict()
         )
+
+
+@checked_methods
+class ArrayResult(Result):
+    """A result that is a file of arrays of a kind, with the names of those that it must have.
+
+    It has ``data()``, its arrays and other data, and ``from_data(arrays, meta)``.
+    """
+
+    KIND: ClassVar[str]
+    ARRAYS: ClassVar[str]
+
+    def save(self, path: str | Path) -> Path:
+        """Write an npz file with all data, which `load` reads; ``.json``: what `to_dict` returns."""
+        if Path(path).suffix == ".json":
+            return super().save(path)
+        from flexgen import array_files
+
+        return array_files.save(path, self.KIND, *self.data())  # type: ignore[attr-defined]
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a file of `save`; ArgumentError where it is none."""
+        from flexgen import array_files
+
+        return array_files.loaded(cls, path, cls.KIND, cls.ARRAYS)
 
 
 def _viewer(of: type, member: str) -> Any:

@@ -12,13 +12,14 @@ import numpy as np
 
 from flexgen import trajectory_files
 from flexgen.errors import ArgumentError, ChannelError
+from flexgen.results import Result
 from flexgen.spec.ports import Port
 from flexgen.type_checks import checked_result
 
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Trajectory:
+class Trajectory(Result):
     """Channels sampled on one time grid.
 
     ``trajectory["tau_m"]`` is a channel, ``trajectory.keys()`` are the names of all channels. Another name raises

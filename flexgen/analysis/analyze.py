@@ -21,12 +21,13 @@ from flexgen.mechanics.quasistatic import OutputPath
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.registry import registered
+from flexgen.results import Result
 from flexgen.type_checks import checked_result, checked_types
 
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Analysis:
+class Analysis(Result):
     """Analysis of a robot in a static equilibrium.
 
     ``equilibrium``: the pose; ``poles`` [1/s]; ``modes``: (Hz, damping ratio) rising; ``zeros``: report on the
@@ -57,26 +58,6 @@ class Analysis:
         index = f", structural index {self.structural_index}" if self.structural_index is not None else ""
         phase = "no verdict on the zeros" if self.zeros.phase == "none" else self.zeros.phase
         return f"<Analysis {self.model.title}: {low}{phase}{index}>"
-
-    def _repr_html_(self) -> str:
-        """Tables of the equilibrium, the modes and the zeros, for notebooks."""
-        text: str = registered("Analysis._repr_html_")(self)
-        return text
-
-    def plot(self) -> Any:
-        """A matplotlib Figure: poles and zeros, and the frequency response; a notebook shows it."""
-        return registered("Analysis.plot")(self)
-
-    def report(self, folder: str | Path) -> Path:
-        """Write ``index.html`` and the plots to a folder, as ``flexgen analyze --report`` does; return the page.
-
-        Raises
-        ------
-        ArgumentError
-            The folder has files of another program under these names, or cannot be written.
-        """
-        page: Path = registered("Analysis.report")(self, folder)
-        return page
 
     def to_control(self, *, units: bool = False) -> Any:
         """A StateSpace of the package python-control: the robot linearized about this equilibrium.

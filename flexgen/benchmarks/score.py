@@ -31,7 +31,7 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.interface import Controller
 from flexgen.loop.plants import NOMINAL
 from flexgen.progress import Choice, reported
-from flexgen.registry import registered
+from flexgen.results import Result
 from flexgen.spec.arguments import is_whole, seed_of
 from flexgen.type_checks import checked_result, checked_types
 
@@ -51,7 +51,7 @@ def draw_totals(chosen: Scenario, each: np.ndarray) -> np.ndarray:
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Score:
+class Score(Result):
     """Score of a controller in a scenario.
 
     Attributes
@@ -195,15 +195,6 @@ class Score:
         several = len(self.totals) > 1
         spread = {"worst": self.worst, "spread": self.spread, "draws": self.totals.tolist()} if several else {}
         return head | {"score": self.total} | spread | {"parts": self.parts, "robots": robots, "measures": self.table}
-
-    def plot(self) -> Any:
-        """A matplotlib Figure: the nominal run, the measures against the reference, the scores of all robots."""
-        return registered("Score.plot")(self)
-
-    def report(self, folder: str | Path) -> Path:
-        """Write a page with tables and pictures to a folder; return its path."""
-        page: Path = registered("Score.report")(self, folder)
-        return page
 
 
 @checked_types

@@ -31,6 +31,7 @@ from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.executors import with_executor
 from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
 from flexgen.progress import Choice, reported
+from flexgen.results import Result
 from flexgen.spec.arguments import seed_of
 from flexgen.type_checks import checked_result, checked_types
 
@@ -41,7 +42,7 @@ MOST = 20_000  # evaluations
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Tuned:
+class TuningResult(Result):
     """A tuned controller: ``controller``, its ``score``, and that of the start; ``history``: best value so far.
 
     ``evaluations``: how often the score was computed.
@@ -54,7 +55,9 @@ class Tuned:
     evaluations: int
 
     def __repr__(self) -> str:
-        return f"<Tuned {self.score.scenario.name}: {self.evaluations} evaluations, score {self.score.total:.4f}>"
+        return (
+            f"<TuningResult {self.score.scenario.name}: {self.evaluations} evaluations, score {self.score.total:.4f}>"
+        )
 
     def __str__(self) -> str:
         before = "refused" if not self.start.accepted else f"{self.start.total:.4f}"
@@ -80,7 +83,7 @@ def tune(
     executor: Any = None,
     seed: int = 0,
     progress: Choice = None,
-) -> Tuned:
+) -> TuningResult:
     """Improve the numbers of a cascade on the score of a benchmark.
 
     Parameters
@@ -137,7 +140,7 @@ def tune(
     controller = with_numbers(made, best[0])
     done = score(chosen, controller, progress=False)
     done = replace(done, controller="tuned")
-    return Tuned(controller, done, score(chosen, made, progress=False), tuple(best[2]), sum(f[3] for f in found))
+    return TuningResult(controller, done, score(chosen, made, progress=False), tuple(best[2]), sum(f[3] for f in found))
 
 
 Found = tuple[np.ndarray, float, list[float], int]  # best numbers, their value, the history, evaluations

@@ -19,16 +19,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
-from flexgen import array_files
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.experiments.spectra import without_transients
 from flexgen.identification.outputs import ANGLE
+from flexgen.results import ArrayResult
 from flexgen.type_checks import checked_result, checked_types
 
 AverageName = Literal["arithmetic", "harmonic", "logarithmic", "h1"]
@@ -42,7 +41,7 @@ LEAST_TOTAL = 3  # realizations for a total covariance
 
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
-class Frf:
+class Frf(ArrayResult):
     """Frequency responses from motor torques to accelerations of motors and sensors at k poses, motor side.
 
     Parameters
@@ -73,6 +72,9 @@ class Frf:
     orders : tuple of int
         Time derivatives from the signal of each channel to its acceleration.
     """
+
+    KIND = "frf"
+    ARRAYS = "poses w G UU C variance speed_sd"
 
     model: str
     motors: tuple[str, ...]
@@ -133,15 +135,6 @@ class Frf:
             inputs=[f"tau_m[{name}]" for name in self.motors],
             outputs=[f"a_m[{name}]" for name in self.motors] + list(self.sensors),
         )
-
-    def save(self, path: str | Path) -> Path:
-        """Write an npz file, which `load` reads."""
-        return array_files.save(path, "frf", *self.data())
-
-    @classmethod
-    def load(cls, path: str | Path) -> Frf:
-        """Read a file of `save`; ArgumentError where it is none."""
-        return array_files.loaded(cls, path, "frf", "poses w G UU C variance speed_sd")
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""

@@ -21,7 +21,7 @@ from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor
 from flexgen.identification.residuals import RESIDUALS, ResidualName, Residuals, over_lines
-from flexgen.identification.result import WEAK, FitStatus, Identified, with_coulomb
+from flexgen.identification.result import WEAK, FitStatus, IdentificationResult, with_coulomb
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.trust_region import Fit, minimize
@@ -57,7 +57,7 @@ def identify(
     seed: int = 0,
     source: str = "",
     progress: Choice = None,
-) -> Identified:
+) -> IdentificationResult:
     """Fit parameters of a model to frequency responses.
 
     Parameters
@@ -88,7 +88,7 @@ def identify(
 
     Returns
     -------
-    Identified
+    IdentificationResult
 
     Raises
     ------
@@ -114,7 +114,7 @@ def _fit(
     floor: float | None,
     starts: tuple[int, float, int],
     tell: Callable[[str], None] | None,
-) -> Identified:
+) -> IdentificationResult:
     """The fit: element by element from several starts, then with a model error or with the structure of the noise."""
     began = time.perf_counter()
     recorded = {sensor.name for sensor in vector.model.sensors if set(sensor.channels) & set(data.sensors)}
@@ -138,7 +138,7 @@ def _fit(
     if structured and explained and residual == "nls":
         residuals, best = _with_structure(vector, data, residuals, best, degrees)
     cost = best.cost / degrees
-    return Identified(
+    return IdentificationResult(
         vector=vector,
         x=best.x,
         formal_covariance=residuals.covariance(best.x, best.A),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ import numpy as np
 
 from flexgen.atomic_files import write_text
 from flexgen.counts import shown
+from flexgen.deprecation import warn_of_old
+from flexgen.display import plain
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import (
@@ -29,6 +31,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice
 from flexgen.registry import registered
+from flexgen.results import Result
 from flexgen.spec.explained_status import ExplainedStatus
 from flexgen.spec.number_edit import with_numbers
 from flexgen.spec.tables import parse_file
@@ -97,7 +100,7 @@ class FitStatus(ExplainedStatus):
 
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimated:
+class Estimated(Result):
     """Estimated parameters of a model.
 
     Parameters
@@ -116,6 +119,16 @@ class Estimated:
     status: FitStatus
     source: str = field(default="", kw_only=True)  # of the data, for the new model file
     found_delays: Mapping[str, float] = field(default_factory=dict, kw_only=True)  # of sensors, by an earlier fit
+
+    def to_dict(self) -> dict[str, Any]:
+        """Model, status, parameters with standard deviations, and the figures of the fit, as JSON types."""
+        sd, more = self.sd, [f.name for f in fields(self) if f.name not in Estimated.__dataclass_fields__]
+        return {
+            "model": self.vector.model.name,
+            "status": str(self.status),
+            "parameters": [{"name": name, "value": value, "sd": sd[name]} for name, value in self.values.items()],
+            **{name: plain(getattr(self, name)) for name in more},
+        }
 
     @property
     def values(self) -> dict[str, float]:
@@ -191,7 +204,7 @@ class Estimated:
 
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
-class Identified(Estimated):
+class IdentificationResult(Estimated):
     """Parameters identified from an experiment; see also `Estimated`.
 
     Parameters
@@ -233,7 +246,7 @@ class Identified(Estimated):
 
     def __repr__(self) -> str:
         return (
-            f"<Identified {self.vector.model.name}: {self.status}, {len(self.vector)} parameters, "
+            f"<IdentificationResult {self.vector.model.name}: {self.status}, {len(self.vector)} parameters, "
             f"cost {self.cost:.3g}, {self.agreed} of {self.starts} starts>"
         )
 
@@ -247,7 +260,12 @@ class Identified(Estimated):
         return hidden or super().is_weak(name)
 
     def figures(self) -> dict[str, Any]:
-        """The result as plain data: status, cost, and a row for each parameter."""
+        """The former name of `to_dict`."""
+        warn_of_old("IdentificationResult: given figures(), expected its new name, to_dict()")
+        return self.to_dict()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Status, cost, and a row for each parameter, as JSON types."""
         sd = self.sd
         rows = [
             {
@@ -265,6 +283,7 @@ class Identified(Estimated):
             for u in self.vector.unknowns
         ]
         return {
+            "model": self.vector.model.name,
             "status": str(self.status),
             "sentence": self.status.sentence,
             "advice": self.status.advice,
@@ -279,11 +298,6 @@ class Identified(Estimated):
             "parameters": rows,
         }
 
-    def report(self, directory: str | Path) -> Path:
-        """Write a self-contained HTML page with tables and pictures into a folder; returns the page."""
-        page: Path = registered("Identified.report")(self, directory)
-        return page
-
     def verdict(
         self,
         move: Any = None,
@@ -294,7 +308,7 @@ class Identified(Estimated):
         progress: Choice = None,
     ) -> Any:
         """Tool errors of feedforward with this model; see `flexgen.identification.verdict.verdict`."""
-        return registered("Identified.verdict")(
+        return registered("IdentificationResult.verdict")(
             self, move, truth=truth, samples=samples, control=control, progress=progress
         )
 

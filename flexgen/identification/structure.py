@@ -23,7 +23,7 @@ from flexgen.identification.frequency_response import Frf
 from flexgen.identification.graybox import identify
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.residuals import Residuals
-from flexgen.identification.result import FitStatus, Identified
+from flexgen.identification.result import FitStatus, IdentificationResult
 from flexgen.model.elements import Dof, LinearSpring, RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
@@ -59,7 +59,7 @@ class Structure:
     """
 
     model: RobotModel
-    identified: Identified
+    identified: IdentificationResult
     changes: tuple[Change, ...]
 
     @property
@@ -105,7 +105,7 @@ def structure(
     now = _fit(robot, data)
     changes: list[Change] = []
     for _ in range(MOST_ROUNDS):
-        tried: list[tuple[Change, Identified]] = []
+        tried: list[tuple[Change, IdentificationResult]] = []
         candidates = [("add", dof.name, changed) for dof, changed in additions(now.vector.model)]
         candidates += [("remove", name, without(now.vector.model, name)) for name in _removable(robot, now, fixed)]
         for k, (kind, name, changed) in enumerate(candidates):
@@ -131,7 +131,7 @@ def structure(
     return Structure(now.model, final, tuple(changes))
 
 
-def criterion(found: Identified) -> float:
+def criterion(found: IdentificationResult) -> float:
     """``2 cost + n_p log(N)`` of a fit with the weights of single elements."""
     count = found.data.G.size
     return 2 * found.cost * max(count - len(found.vector) / 2, 1.0) + len(found.vector) * float(np.log(2 * count))
@@ -185,14 +185,14 @@ def with_spring(model: RobotModel, name: str, stiffness: float, damping: float) 
     return replace(model, elements=elements)
 
 
-def _removable(robot: RobotModel, now: Identified, fixed: Sequence[str]) -> list[str]:
+def _removable(robot: RobotModel, now: IdentificationResult, fixed: Sequence[str]) -> list[str]:
     """Coordinates without motor of the model that was given, as far as they are still there and not fixed."""
     there = {dof.name for e in now.vector.model.elements for dof in e.dofs if dof.spring is not None}
     given = [dof.name for e in robot.elements for dof in e.dofs if dof.spring is not None]
     return [name for name in given if name in there and name not in fixed]
 
 
-def _best(model: RobotModel, new: str | None, data: Frf) -> Identified | None:
+def _best(model: RobotModel, new: str | None, data: Frf) -> IdentificationResult | None:
     """The best fit of a changed model; a new spring is searched from several stiffnesses."""
     if new is None:
         return _tried(model, data)
@@ -209,7 +209,7 @@ def _best(model: RobotModel, new: str | None, data: Frf) -> Identified | None:
     return min(found, key=lambda fit: fit.cost) if found else None
 
 
-def _tried(model: RobotModel, data: Frf) -> Identified | None:
+def _tried(model: RobotModel, data: Frf) -> IdentificationResult | None:
     try:
         found = _fit(model, data)
     except (SolverError, np.linalg.LinAlgError):
@@ -217,7 +217,7 @@ def _tried(model: RobotModel, data: Frf) -> Identified | None:
     return None if found.status == FitStatus.NOT_CONVERGED else found
 
 
-def _fit(model: RobotModel, data: Frf) -> Identified:
+def _fit(model: RobotModel, data: Frf) -> IdentificationResult:
     """A fit with the weights of the noise alone, so that costs of different models compare."""
     return identify(model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False)
 

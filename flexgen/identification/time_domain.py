@@ -31,7 +31,7 @@ from flexgen.identification.experiments.spectra import spectrum
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive, is_of_sensor
-from flexgen.identification.result import TIME_DOMAIN, FitStatus, Identified
+from flexgen.identification.result import TIME_DOMAIN, FitStatus, IdentificationResult
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
 from flexgen.mechanics.parameters import select
@@ -178,19 +178,19 @@ class Simulated:
 @checked_types
 @reported("refine")
 def refine(
-    found: Identified,
+    found: IdentificationResult,
     experiment: Experiment,
     *,
     free: Sequence[str] | None = None,
     start: Mapping[str, float] | None = None,
     runs: int = 1,
     progress: Choice = None,
-) -> Identified:
+) -> IdentificationResult:
     """Refine identified parameters by simulation of the experiment on the nonlinear model.
 
     Parameters
     ----------
-    found : Identified
+    found : IdentificationResult
         From the frequency responses of the same experiment; where the search begins.
     experiment : Experiment
     free : sequence of str, optional
@@ -203,7 +203,7 @@ def refine(
 
     Returns
     -------
-    Identified
+    IdentificationResult
         Weights ``"time domain"``; its ``data`` are the frequency responses of ``found``.
 
     Raises
@@ -257,7 +257,7 @@ def refine(
     )
 
 
-def _check(found: Identified, experiment: Experiment, runs: int) -> None:
+def _check(found: IdentificationResult, experiment: Experiment, runs: int) -> None:
     """ArgumentError where an experiment cannot be simulated, or is not that of the frequency responses."""
     plan = experiment.plan
     if plan.motors != found.data.motors or not np.array_equal(plan.poses, found.data.poses):
@@ -292,12 +292,14 @@ class Validation:
     white: tuple[float, ...]
 
 
-def validate(found: Identified, experiment: Experiment, *, used: int = 1, progress: Choice = None) -> Validation:
+def validate(
+    found: IdentificationResult, experiment: Experiment, *, used: int = 1, progress: Choice = None
+) -> Validation:
     """Simulate experiments that `refine` did not use, with the parameters that it found.
 
     Parameters
     ----------
-    found : Identified
+    found : IdentificationResult
         Result of `refine`.
     experiment : Experiment
         With more than ``used`` experiments at each pose.
@@ -331,13 +333,13 @@ def validate(found: Identified, experiment: Experiment, *, used: int = 1, progre
     )
 
 
-def validate_on_others(found: Identified, checked: Validation) -> Identified:
+def validate_on_others(found: IdentificationResult, checked: Validation) -> IdentificationResult:
     """The result with the status ``poorly validated`` where it agreed, and other experiments do not."""
     fails = checked.cost > COST_MOST and min(checked.fit_percent) < 100 * (1 - SMALL_ERROR)
     return replace(found, status=FitStatus.POORLY_VALIDATED) if fails and found.status == FitStatus.FITTED else found
 
 
-def _frictions(found: Identified) -> list[str]:
+def _frictions(found: IdentificationResult) -> list[str]:
     """Friction numbers of motors and joints that the model file has."""
     model = found.vector.model
     parts = [(motor.name, motor.friction) for motor in model.motors]

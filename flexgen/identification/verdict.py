@@ -15,7 +15,7 @@ import numpy as np
 
 from flexgen.counts import ROBOTS, count_of
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification.result import WEAK, Identified
+from flexgen.identification.result import WEAK, IdentificationResult
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.inversion.status import Status
@@ -72,7 +72,7 @@ class Verdict:
 
 @reported("verdict")
 def verdict(
-    identified: Identified,
+    identified: IdentificationResult,
     move: str | Move | None = None,
     *,
     truth: RobotModel | str | Path | None = None,
@@ -85,7 +85,7 @@ def verdict(
 
     Parameters
     ----------
-    identified : Identified
+    identified : IdentificationResult
     move : str or Move, optional
         Default: the first move of the model.
     truth : RobotModel, str or Path, optional
@@ -125,7 +125,7 @@ def verdict(
     return Verdict(name_of_move, control, len(robots), truth is not None, tuple(rows))
 
 
-def draw_robots(identified: Identified, count: int, seed: int) -> list[RobotModel]:
+def draw_robots(identified: IdentificationResult, count: int, seed: int) -> list[RobotModel]:
     """Robots whose parameters are drawn from the covariance; weak ones keep the values of the file.
 
     Raises

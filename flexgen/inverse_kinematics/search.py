@@ -21,6 +21,7 @@ from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
+from flexgen.results import Result
 from flexgen.type_checks import checked_result, checked_types
 
 SINGULAR = 1e-4  # smallest singular value of the scaled Jacobian over the largest
@@ -39,7 +40,7 @@ SAG_STEPS = 20
 
 @checked_result
 @dataclass(frozen=True)
-class Configuration:
+class Configuration(Result):
     """A joint configuration.
 
     Attributes

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexgen.display import Figure, both_measured, format_size, table_html
+from flexgen.display import Figure, both_measured, figure_rows, format_size
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
-from flexgen.registry import registered
+from flexgen.results import Result
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation, error_figures, error_text
 from flexgen.torque_curve import torque_curve
@@ -28,7 +26,7 @@ INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Solution:
+class Solution(Result):
     """Motor torques along a move, with the figures of their verification.
 
     ``print(solution)`` shows the main figures, `plot` draws them, `report` writes a page with all of them.
@@ -141,36 +139,6 @@ class Solution:
         run = self.held_simulation
         return (None, None) if run is None else (run.tool_error_max_m, run.tool_error_max_rad)
 
-    def _repr_html_(self) -> str:
-        """The figures as a table, for notebooks."""
-        rows = []
-        for label, value, unit, _ in self.figures():
-            if value in (None, ""):
-                continue
-            text = f"{value:.4g} {unit}" if isinstance(value, float) else f"{value} {unit}"
-            text = format_size(value, unit) if isinstance(value, float) and unit in ("m", "rad") else text
-            rows.append((label, text.strip()))
-        warnings = "".join(f"<p>warning: {escape(warning)}</p>" for warning in self.warnings)
-        return table_html(f"{self.model.title}, move {self.move.name}", rows) + warnings
-
-    def plot(self) -> Any:
-        """A matplotlib Figure: the robot, the motor torques and the simulated error; a notebook shows it.
-
-        `savefig` of the figure writes it to a file.
-        """
-        return registered("Solution.plot")(self)
-
-    def report(self, folder: str | Path) -> Path:
-        """Write the report to a folder, as ``flexgen solve --report`` does; return the path of its page.
-
-        Raises
-        ------
-        ArgumentError
-            The folder has files of another program under these names, or cannot be written.
-        """
-        page: Path = registered("Solution.report")(self, folder)
-        return page
-
     def to_dataframe(self) -> Any:
         """The trajectory as a pandas.DataFrame, see `flexgen.Trajectory.to_dataframe`."""
         return self.trajectory.to_dataframe()
@@ -201,6 +169,9 @@ class Solution:
     def tool_error_max_rad(self) -> float | None:
         """Largest angle between the simulated output and the path [rad]; None where it was not measured."""
         return None if self.simulation is None else self.simulation.tool_error_max_rad
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return figure_rows(self.figures())
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures of the solution, in SI units: what tables, JSON and reports show."""

@@ -36,7 +36,7 @@ from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported
-from flexgen.registry import registered
+from flexgen.results import Result
 from flexgen.type_checks import checked_class, checked_result, checked_types
 
 ARM = Path(__file__).with_name("three_axis_arm.toml")
@@ -102,7 +102,7 @@ class Trial:
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class FeedbackStudy:
+class FeedbackStudy(Result):
     """Result of `flexgen.feedback_study`.
 
     Attributes
@@ -206,10 +206,6 @@ class FeedbackStudy:
             "torque_noise_limit_Nm": self.torque_noise_Nm,
             "settings": settings,
         }
-
-    def plot(self) -> Any:
-        """A matplotlib Figure: worst error over torque noise of all tunings, measured angles."""
-        return registered("FeedbackStudy.plot")(self)
 
 
 @checked_types

@@ -43,6 +43,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.friction_laws import added_sources
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.results import Result
 from flexgen.runtime.identity import FORMAT
 from flexgen.type_checks import checked_result, checked_types
 from flexgen.types_of_values import items_of
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
 
 @checked_result
 @dataclass(frozen=True)
-class Generated:
+class GeneratedLibrary(Result):
     """Result of `generate`: the folder and its files.
 
     Parameters
@@ -69,10 +70,8 @@ class Generated:
         SHA-256 of everything that the sources depend on.
     seconds : float
         Time taken [s].
-    cached : bool
-        True where nothing had to be compiled or linked.
-    written : bool
-        False where nothing had changed, so that nothing was written either.
+    cached, written : bool
+        Whether nothing had to be compiled or linked; whether anything had changed and was written.
     """
 
     directory: Path
@@ -105,7 +104,7 @@ def generate(
     parts: Sequence[str] = (),
     progress: Choice = None,
     force: bool = False,
-) -> Generated:
+) -> GeneratedLibrary:
     """Write the C library of a model: header, sources, example, manifest, CMake and pkg-config files, libraries.
 
     Parameters
@@ -146,7 +145,7 @@ def generate(
 
     Returns
     -------
-    Generated
+    GeneratedLibrary
 
     Raises
     ------
@@ -181,7 +180,7 @@ def generate_parts(
     per_point: bool = False,
     native: bool = False,
     progress: Callable[[str], None],
-) -> Generated:
+) -> GeneratedLibrary:
     """`generate` for flexgen itself, which compiles only the functions that it calls.
 
     Parameters
@@ -227,7 +226,7 @@ class _Request:
 
 def _generate_folder(
     request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float
-) -> Generated:
+) -> GeneratedLibrary:
     """The library in the folder ``target``: the existing one where nothing has changed, else written and compiled."""
     name, options = library_name(request.model), request.options
     followed(target)
@@ -437,8 +436,10 @@ def _built(directory: Path, manifest: dict[str, Any], options: dict[str, Any], c
         return False
 
 
-def _result(directory: Path, manifest: dict[str, Any], start: float, *, cached: bool, written: bool) -> Generated:
-    return Generated(
+def _result(
+    directory: Path, manifest: dict[str, Any], start: float, *, cached: bool, written: bool
+) -> GeneratedLibrary:
+    return GeneratedLibrary(
         directory=directory,
         files=tuple(directory / file for file in (*manifest["files"], MANIFEST, *libraries(manifest))),
         functions=tuple(f["name"] for f in manifest["functions"]),

@@ -13,7 +13,7 @@ from flexgen.codegen.digest import model_digest
 from flexgen.codegen.spec import library_name
 from flexgen.deadline import paused
 from flexgen.errors import BuildError
-from flexgen.library.generate import MANIFEST, Generated, generate_parts
+from flexgen.library.generate import MANIFEST, GeneratedLibrary, generate_parts
 from flexgen.library.library_cache import mark_used, prune
 from flexgen.library.object_cache import cache_folder
 from flexgen.model.elements import RobotModel
@@ -89,7 +89,7 @@ class _What:
     native: bool
     per_point: bool = False
 
-    def generate(self, model: RobotModel, folder: Path, progress: Callable[[str], None]) -> Generated:
+    def generate(self, model: RobotModel, folder: Path, progress: Callable[[str], None]) -> GeneratedLibrary:
         """Generate the library, or find that it is there."""
         return generate_parts(
             model,

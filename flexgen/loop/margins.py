@@ -20,6 +20,7 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
 from flexgen.model.elements import RobotModel
+from flexgen.results import Result
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class, checked_result
 
@@ -33,7 +34,7 @@ FREQUENCIES, LEAST_HZ = 600, 1e-6
 
 @checked_result
 @dataclass(frozen=True)
-class Margins:
+class Margins(Result):
     """Margins of the loop at a pose.
 
     ``stable``; ``largest_eigenvalue``: of the sampled loop; ``gain``: largest factor, ``delay_s``: largest delay more

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.output_columns import output_labels, output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
-from flexgen.registry import registered
+from flexgen.results import Result
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
@@ -31,7 +30,7 @@ SHOWN = 20  # robots in the printed text
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class PlantRun:
+class PlantRun(Result):
     """One robot in the loop.
 
     Attributes
@@ -76,7 +75,7 @@ class PlantRun:
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class ControlRun:
+class ControlRun(Result):
     """Result of `flexgen.control`: the model and the other robots under one controller.
 
     Attributes
@@ -281,15 +280,6 @@ class ControlRun:
             "status": self.status,
             "plants": [{k: _plain(v) for k, v in self.figures(run).items()} for run in self.runs],
         }
-
-    def plot(self) -> Any:
-        """A matplotlib Figure: output errors and torques of all robots."""
-        return registered("ControlRun.plot")(self)
-
-    def report(self, folder: str | Path) -> Path:
-        """Write a page with the figures and pictures to a folder; return its path."""
-        page: Path = registered("ControlRun.report")(self, folder)
-        return page
 
 
 def unit_of(model: RobotModel) -> str:

@@ -16,6 +16,7 @@ from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
 from flexgen.numerics.evaluate import evaluate
+from flexgen.results import Result
 from flexgen.type_checks import checked_result
 
 NEWTON_STEPS = 50
@@ -23,7 +24,7 @@ NEWTON_STEPS = 50
 
 @checked_result
 @dataclass(frozen=True)
-class Equilibrium:
+class Equilibrium(Result):
     """A static equilibrium: ``q_a`` (n_a), ``q_m``, ``tau_m`` (n_m, motor side), ``tau_g`` (n_g, arm side)."""
 
     q_a: np.ndarray

@@ -23,6 +23,7 @@ from flexgen.errors import ArgumentError
 from flexgen.library.c_module import c_module
 from flexgen.library.model_library import library_with
 from flexgen.model.elements import RobotModel
+from flexgen.results import Result
 from flexgen.spec.arguments import check_positive, is_number
 from flexgen.type_checks import checked_class, checked_result
 
@@ -34,7 +35,7 @@ FUNCTIONS = ("mass_matrix", "bias", "motor_friction")
 
 @checked_result
 @dataclass(frozen=True)
-class Detection:
+class Detection(Result):
     """``residual`` (n, n_m) [N m, motor side]; ``sample``: the first one above a threshold, None: none."""
 
     residual: np.ndarray

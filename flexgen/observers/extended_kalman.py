@@ -39,6 +39,7 @@ from flexgen.observers.design import (
     tool_force_noise,
     vector,
 )
+from flexgen.results import Result
 from flexgen.runtime.calls import Function
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class, checked_result, checked_types
@@ -60,7 +61,7 @@ START = {"position": 1e-3, "speed": 1e-2, "torque": 0.1}  # rad or m, rad/s or m
 
 @checked_result
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Result):
     """Estimates of one sample, or of n samples with a first axis.
 
     Attributes

@@ -18,6 +18,7 @@ from flexgen.paths.joint_limits import InverseKinematics, beyond_range
 from flexgen.paths.move_planner import plan_move
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timed_segments import TimedSegment
+from flexgen.results import Result
 from flexgen.type_checks import checked_class, checked_types
 
 __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "named_move", "plan"]
@@ -26,7 +27,7 @@ CHECKED = 101  # instants at which `plan` solves the inverse kinematics
 
 
 @checked_class
-class Path:
+class Path(Result):
     """The reference of one move (or program) of one model at any instant; constant before 0 and after `duration`.
 
     Attributes
@@ -71,6 +72,19 @@ class Path:
     def breaks(self) -> np.ndarray:
         """Instants at which a derivative up to order 5 may jump [s], including both ends."""
         return np.unique(np.concatenate([segment.breaks for segment in self.segments]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Duration, start and segments as JSON types, SI units."""
+        rows = [(s.space, s.start, s.law.duration, s.smoothness) for s in self.segments]
+        names = ("space", "start_s", "duration_s", "smoothness")
+        return {
+            "model": self.equations.model.name,
+            "move": self.move.name,
+            "duration_s": self.duration,
+            "smoothness": self.smoothness,
+            "q_start": self.q_start.tolist(),
+            "segments": [dict(zip(names, row, strict=True)) for row in rows],
+        }
 
     def table(self) -> np.ndarray:
         """The path as numbers (n,) that the sampler of the emitted C reads, see `flexgen.paths.path_table`.

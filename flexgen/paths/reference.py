@@ -14,13 +14,14 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.jets import JET, ORDER, Attitude
+from flexgen.results import Result
 from flexgen.spec.arguments import is_whole
 from flexgen.type_checks import checked_result, checked_types
 
 
 @checked_result
 @dataclass(frozen=True)
-class PathSample:
+class PathSample(Result):
     """Reference at n instants.
 
     ``y`` (n, n_y, 6): rows of the output that are positions (3 for a pose), last axis: derivatives 0 to 5. For a pose

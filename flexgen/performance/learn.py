@@ -48,7 +48,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.performance.smoother import PathSmoother, acting
 from flexgen.progress import Choice, reported
-from flexgen.registry import registered
+from flexgen.results import Result
 from flexgen.spec.arguments import is_number, is_whole, mapping_of, seed_of
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
@@ -66,7 +66,7 @@ SETTLED = 2e-2  # of the error before learning: changes below it are noise
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Learned:
+class LearningResult(Result):
     """Result of `flexgen.learn`.
 
     Attributes
@@ -136,7 +136,7 @@ class Learned:
     def __repr__(self) -> str:
         errors = self.errors
         first, best = (format_size(e, self.unit) for e in (errors[0], errors[self.best]))
-        return f"<Learned {self.runs[0].model.name}: {first} -> {best}>"
+        return f"<LearningResult {self.runs[0].model.name}: {first} -> {best}>"
 
     def __str__(self) -> str:
         """The errors of all iterations."""
@@ -177,15 +177,6 @@ class Learned:
             "stopped": self.stopped,
         }
 
-    def plot(self) -> Any:
-        """A matplotlib Figure: errors of the iterations, and the correction of the path."""
-        return registered("Learned.plot")(self)
-
-    def report(self, folder: str | FilePath) -> FilePath:
-        """Write a page with the figures and pictures to a folder; return its path."""
-        page: FilePath = registered("Learned.report")(self, folder)
-        return page
-
 
 @checked_types
 @reported("learn")
@@ -205,7 +196,7 @@ def learn(
     seed: int = 0,
     solution: Solution | None = None,
     progress: Choice = None,
-) -> Learned:
+) -> LearningResult:
     """Learn the path of a robot that differs from its model, in simulation, from its measured tool error.
 
     Parameters
@@ -230,7 +221,7 @@ def learn(
 
     Returns
     -------
-    Learned
+    LearningResult
 
     Raises
     ------
@@ -265,7 +256,9 @@ def learn(
     runs, corrections, best, stopped, shown = _iterate(
         commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, seed, tell
     )  # fmt: skip
-    return Learned(runs, corrections, commanded.time, best, float(low), float(gain), name, stopped, measured_by, shown)
+    return LearningResult(
+        runs, corrections, commanded.time, best, float(low), float(gain), name, stopped, measured_by, shown
+    )
 
 
 def _iterate(

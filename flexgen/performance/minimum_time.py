@@ -32,6 +32,7 @@ from flexgen.paths.path import Path, check_range, named_move
 from flexgen.performance.rigid_time import rigid_time
 from flexgen.performance.time_search import TimeSearch
 from flexgen.progress import Choice, reported
+from flexgen.results import Result
 from flexgen.spec.arguments import check_not_negative, check_positive, is_whole
 from flexgen.type_checks import checked_result, checked_types
 
@@ -41,7 +42,7 @@ TIME_LIMIT = 600.0  # s, of a search
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Fastest:
+class FastestMove(Result):
     """Result of `flexgen.fastest`.
 
     Attributes
@@ -106,7 +107,7 @@ class Fastest:
         return self.solution.move
 
     def __repr__(self) -> str:
-        return f"<Fastest {self.solution.model.name}: {self.default_s:.4g} -> {self.duration_s:.4g} s>"
+        return f"<FastestMove {self.solution.model.name}: {self.default_s:.4g} -> {self.duration_s:.4g} s>"
 
     def __str__(self) -> str:
         """Durations, limits and effort."""
@@ -161,7 +162,7 @@ def fastest(
     coefficients: int = COEFFICIENTS,
     time_limit: float | None = TIME_LIMIT,
     progress: Choice = None,
-) -> Fastest:
+) -> FastestMove:
     """Find the fastest time law of a move that keeps the limits of torque, speed and deflection exactly.
 
     Parameters
@@ -186,7 +187,7 @@ def fastest(
 
     Returns
     -------
-    Fastest
+    FastestMove
 
     Raises
     ------
@@ -224,7 +225,7 @@ def _fastest(
     vibration: float | None,
     coefficients: int,
     progress: Choice,
-) -> Fastest:
+) -> FastestMove:
     """The fastest time law; the arguments are those of `fastest`, checked."""
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
@@ -239,7 +240,7 @@ def _fastest(
     timed = search.move(x)
     tell(f"verifying {timed.duration:.4f} s")
     found = solve(robot, timed, ignore_limits=True, progress=progress if callable(progress) else None)
-    return Fastest(
+    return FastestMove(
         found, default, search.limits, float(x[0]), search.path.duration, rigid_time(search.path, *search.bounds),
         search.vibrations(found), search.vibrations(default), search.excess(x), coefficients, search.programs,
         search.inversions, seconds[1], seconds[0], tuple(history),

@@ -25,6 +25,7 @@ from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.results import Result
 from flexgen.spec.arguments import is_number
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
@@ -39,7 +40,7 @@ FEWEST = 200  # samples
 
 @checked_result
 @dataclass(frozen=True)
-class Load:
+class Load(Result):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
     ``total_mass``, ``total_com``: of the load together with the payload of the model file. ``residual_Nm``: root mean

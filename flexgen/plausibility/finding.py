@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from flexgen.results import Result
 from flexgen.type_checks import checked_result
 
 OK, UNUSUAL, ERROR = "ok", "unusual", "error"
@@ -72,7 +73,7 @@ def make_finding(key: str, quantity: str, value: float, unit: str, usual: Usual,
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Check:
+class Check(Result):
     """The result of `check`: ``model``, its name and variant, and ``findings``, all numbers that were checked."""
 
     model: str
@@ -106,6 +107,9 @@ class Check:
         worst = [*self.errors, *self.warnings]
         more = [f"... and {len(worst) - 10} more"] if len(worst) > 10 else []
         return "\n".join([f"<Check {self.summary()}>", *(f"  {f.mark}: {f}" for f in worst[:10]), *more])
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return [(f"{f.key}: {f.quantity}", f"{f.value}, usual {f.usual}: {f.mark}") for f in self.findings]
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types."""

@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 
 from flexgen.benchmarks.draws import draws_of
 from flexgen.benchmarks.score import Score
+from flexgen.benchmarks.tune import TuningResult
 from flexgen.loop.result import ControlRun
 from flexgen.model.output_columns import output_units
-from flexgen.performance.learn import Learned
+from flexgen.performance.learn import LearningResult
 from flexgen.plots import canvas as cv
 
 COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)
@@ -119,6 +120,11 @@ def plot_score(score: Score) -> Figure:
     return figure
 
 
+def plot_tuning(tuned: TuningResult) -> Figure:
+    """The score of the tuned controller."""
+    return plot_score(tuned.score)
+
+
 def _bars(ax: Any, score: Score) -> None:
     """Measures of the nominal robot, and the largest of all robots, over those of the reference."""
     ratios = (score.values / score.reference[:, None]).mean(axis=0)
@@ -133,7 +139,7 @@ def _bars(ax: Any, score: Score) -> None:
 
 
 @cv.apply_style
-def plot_learned(learned: Learned) -> Figure:
+def plot_learned(learned: LearningResult) -> Figure:
     """Largest error of every iteration, errors in time without correction and in the best one, and the correction."""
     first, best = learned.runs[0], learned.runs[learned.best]
     figure = cv.new_figure(cv.WIDTH, 6.0, f"{first.model.title}: learning of move {first.solution.move.name}")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from flexgen.identification.experiments.operating_points import FRICTIONS
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.residuals import Residuals
-from flexgen.identification.result import Identified
+from flexgen.identification.result import IdentificationResult
 from flexgen.plots import canvas as cv
 
 QUANTILE = 1.96
@@ -19,13 +19,13 @@ MEDIAN, HIGH = np.sqrt(np.log(2.0)), np.sqrt(-np.log(0.05))
 
 
 @cv.apply_style
-def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0) -> Figure:
+def response_grid(data: Frf, identified: IdentificationResult | None = None, pose: int = 0) -> Figure:
     """Measured responses from each torque to each acceleration with their 95 % bands, and those of the model.
 
     Parameters
     ----------
     data : Frf
-    identified : Identified, optional
+    identified : IdentificationResult, optional
         Draws the model at the start and with the identified parameters.
     pose : int
         From 0.
@@ -75,7 +75,7 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
 
 
 @cv.apply_style
-def residual_plot(identified: Identified) -> Figure:
+def residual_plot(identified: IdentificationResult) -> Figure:
     """Differences between model and measurement over their standard deviations; noise alone gives the lines drawn."""
     data = identified.data
     residuals = Residuals(identified.vector, data, deflection_sd=identified.deflection_sd)
@@ -109,7 +109,7 @@ def residual_plot(identified: Identified) -> Figure:
 
 
 @cv.apply_style
-def parameter_plot(identified: Identified) -> Figure:
+def parameter_plot(identified: IdentificationResult) -> Figure:
     """Identified values over those of the model file, with two standard deviations where the result has them."""
     unknowns = [u for u in identified.vector.unknowns if u.scale == "log" and u.parameter.value > 0]
     groups = [g for g in _split([u.name for u in unknowns]) if g]
@@ -131,7 +131,7 @@ def _split(names: list[str]) -> tuple[list[str], list[str]]:
     return [name for name in names if name not in frictions], frictions
 
 
-def _draw_parameters(ax: Any, identified: Identified, names: list[str], in_file: dict[str, float]) -> None:
+def _draw_parameters(ax: Any, identified: IdentificationResult, names: list[str], in_file: dict[str, float]) -> None:
     sd, values = identified.sd, identified.values
     for k, name in enumerate(names):
         color = cv.GREY if identified.is_weak(name) else cv.BLUE
@@ -151,7 +151,7 @@ def _draw_parameters(ax: Any, identified: Identified, names: list[str], in_file:
 
 
 @cv.apply_style
-def correlation_plot(identified: Identified) -> Figure:
+def correlation_plot(identified: IdentificationResult) -> Figure:
     """Correlations of the identified parameters."""
     names = identified.vector.names
     size = max(4.0, 0.19 * len(names) + 1.8)

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.analysis.analyze import Analysis
-from flexgen.atomic_files import write_text
-from flexgen.plots import along_path, canvas
-from flexgen.reports.folder import PAGE, check_folder, foot
-from flexgen.reports.html import dynamics_tables, figure_element, head, html_table, number
+from flexgen.plots import along_path
+from flexgen.reports.html import dynamics_tables, head, html_table, number
 from flexgen.reports.pictures import Picture, linear_pictures
+from flexgen.reports.result_page import write_page
 
 
 def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
@@ -35,16 +34,12 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
     ArgumentError
         The folder has files of another program under these names, or cannot be written.
     """
-    directory, model = Path(directory), analysis.model
+    model = analysis.model
     drawn = linear_pictures(analysis, "at this equilibrium")
     path = analysis.zero_path
     if path is not None and np.isfinite(path.zeros).any():
         caption = f"Zeros at the equilibrium poses along the path. {path.verdict[:1].upper()}{path.verdict[1:]}."
         drawn.append(Picture("zeros_along", along_path.zeros_along(model, path), caption))
-    check_folder(directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))])
-    figures = "".join(figure_element(picture, directory) for picture in drawn)
-    for picture in drawn:
-        canvas.save(picture.figure, directory / f"{picture.name}.png")
     title = f"{model.title}: analysis of an equilibrium"
     notes = "".join(f"<li>{html.escape(line)}</li>" for line in analysis.solvability.warnings)
     parts = [
@@ -55,11 +50,8 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
         _equilibrium(analysis),
         "<h2>Dynamics</h2>\n",
         dynamics_tables(analysis),
-        "<h2>Plots</h2>\n",
-        figures,
-        foot(),
     ]
-    return write_text(directory / PAGE, "".join(parts))
+    return write_page(Path(directory), parts, drawn)
 
 
 def tables(analysis: Analysis) -> str:

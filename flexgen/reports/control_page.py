@@ -7,16 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.atomic_files import write_text
 from flexgen.benchmarks.score import Score
 from flexgen.loop.plants import NOMINAL
 from flexgen.loop.result import UNITS, ControlRun, columns_in
-from flexgen.performance.learn import Learned
-from flexgen.plots import canvas
+from flexgen.performance.learn import LearningResult
 from flexgen.plots import control as plots
-from flexgen.reports.folder import PAGE, check_folder, foot
-from flexgen.reports.html import figure_element, head, html_table, number
+from flexgen.reports.html import head, html_table, number
 from flexgen.reports.pictures import Picture
+from flexgen.reports.result_page import write_page
 
 KEYS = ("error_max", "dynamic_error_max", "static_error_start", "error_end")
 
@@ -70,7 +68,7 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
         _errors(run),
         _margins(run),
     ]
-    return _page(Path(directory), parts, drawn)
+    return write_page(Path(directory), parts, drawn)
 
 
 def _errors(run: ControlRun) -> str:
@@ -157,18 +155,10 @@ def write_score(score: Score, directory: str | Path) -> Path:
             "score of every robot.",
         )
     ]
-    return _page(Path(directory), parts, drawn)
+    return write_page(Path(directory), parts, drawn)
 
 
-def _page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:
-    check_folder(directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))])
-    figures = "".join(figure_element(picture, directory) for picture in drawn)
-    for picture in drawn:
-        canvas.save(picture.figure, directory / f"{picture.name}.png")
-    return write_text(directory / PAGE, "".join([*parts, "<h2>Plots</h2>\n", figures, foot()]))
-
-
-def write_learned(learned: Learned, directory: str | Path) -> Path:
+def write_learned(learned: LearningResult, directory: str | Path) -> Path:
     """Write ``index.html`` with the iterations of a learned path; each plot also as svg and png file.
 
     Raises
@@ -202,4 +192,4 @@ def write_learned(learned: Learned, directory: str | Path) -> Path:
             "in the best iteration.",
         )
     ]
-    return _page(Path(directory), parts, drawn)
+    return write_page(Path(directory), parts, drawn)

@@ -270,7 +270,7 @@ def write_report(
         Created if it does not exist.
     analysis : Analysis, optional
         Default: at the start of the move.
-    generated : Generated, optional
+    generated : GeneratedLibrary, optional
         The C library to list.
     limits : Limits, optional
         Limits of the solution; default: those of the model file.

@@ -8,23 +8,21 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.analysis.linear import linearize, modes, poles
-from flexgen.atomic_files import write_text
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.result import FitStatus, Identified, deviation_text
+from flexgen.identification.result import FitStatus, IdentificationResult, deviation_text
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
-from flexgen.plots import canvas
 from flexgen.plots import identification as plots
-from flexgen.reports.folder import PAGE, check_folder, foot
-from flexgen.reports.html import figure_element, head, html_table, number
+from flexgen.reports.html import head, html_table, number
 from flexgen.reports.pictures import Picture
+from flexgen.reports.result_page import write_page
 
 CORRELATED = 0.5  # correlations from here on are listed
 MOST_POSES = 12  # response grids in a page
 
 
-def write_identification(identified: Identified, directory: str | Path) -> Path:
+def write_identification(identified: IdentificationResult, directory: str | Path) -> Path:
     """Write ``index.html`` with the fit, its parameters and pictures; each plot also as svg and png file.
 
     Raises
@@ -71,7 +69,7 @@ def write_identification(identified: Identified, directory: str | Path) -> Path:
         "<h2>Natural frequencies at home</h2>\n",
         _modes(model, identified.model),
     ]
-    return _page(Path(directory), parts, drawn)
+    return write_page(Path(directory), parts, drawn)
 
 
 def write_responses(data: Frf, directory: str | Path) -> Path:
@@ -95,18 +93,10 @@ def write_responses(data: Frf, directory: str | Path) -> Path:
         ("median standard deviation by noise", f"{100 * data.relative_sd():.2g}", "%"),
     ]
     parts = [head(title), f"<h1>{html.escape(title)}</h1>\n", html_table(("quantity", "value", "unit"), rows, (1,))]
-    return _page(Path(directory), parts, drawn)
+    return write_page(Path(directory), parts, drawn)
 
 
-def _page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:
-    check_folder(directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))])
-    figures = "".join(figure_element(picture, directory) for picture in drawn)
-    for picture in drawn:
-        canvas.save(picture.figure, directory / f"{picture.name}.png")
-    return write_text(directory / PAGE, "".join([*parts, "<h2>Plots</h2>\n", figures, foot()]))
-
-
-def _summary(identified: Identified) -> str:
+def _summary(identified: IdentificationResult) -> str:
     status = identified.status
     bad = "" if status == FitStatus.FITTED else " bad"
     rows = [
@@ -123,9 +113,9 @@ def _summary(identified: Identified) -> str:
     return html_table(("quantity", "value", "unit"), rows, (1,)) + words
 
 
-def _parameters(identified: Identified) -> str:
+def _parameters(identified: IdentificationResult) -> str:
     rows = []
-    for row in identified.figures()["parameters"]:
+    for row in identified.to_dict()["parameters"]:
         sd = deviation_text(row["sd"], row["sd_is_relative"])
         change = f"{100 * (row['value'] / row['start'] - 1):+.3g} %" if row["start"] else ""
         flag = "at its bound" if row["at_bound"] else "not determined: file's value kept" if row["weak"] else ""
@@ -135,7 +125,7 @@ def _parameters(identified: Identified) -> str:
     return html_table(names, rows, (1, 3, 4, 5))
 
 
-def _weak(identified: Identified) -> str:
+def _weak(identified: IdentificationResult) -> str:
     """Weak directions and large correlations in words."""
     lines = [html.escape(f"{line}.") for line in identified.weak]
     names, correlation = identified.vector.names, identified.correlation

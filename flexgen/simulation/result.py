@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from flexgen.display import Figure, both_measured
+from flexgen.display import Figure, both_measured, figure_rows, plain
+from flexgen.results import Result
 from flexgen.simulation.after_end import AFTER
 from flexgen.simulation.motor_feedback import MotorFeedback
 from flexgen.trajectory import Trajectory
@@ -13,7 +15,7 @@ from flexgen.type_checks import checked_result
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class Simulation:
+class Simulation(Result):
     """Motion of the robot under the torque.
 
     Attributes
@@ -66,6 +68,13 @@ class Simulation:
 
     def __repr__(self) -> str:
         return f"<Simulation {self.trajectory.meta.get('model', '')}: {error_text(self)}>"
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return figure_rows(self.figures())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        return {figure.key: plain(figure.value) for figure in self.figures()} | {"warnings": list(self.warnings)}
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures of the simulation, in SI units: what tables and JSON show."""

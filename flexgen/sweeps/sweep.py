@@ -18,6 +18,7 @@ from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.executors import with_executor
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported
+from flexgen.results import Result
 from flexgen.sweeps.cases import Case, Grid
 from flexgen.sweeps.executors import Done, Work, in_pool, in_process
 from flexgen.sweeps.folder import Folder, default_size
@@ -30,7 +31,7 @@ from flexgen.type_checks import checked_result, checked_types
 
 @checked_result
 @dataclass(frozen=True, repr=False)
-class SweepResult:
+class SweepResult(Result):
     """Tables of a sweep, one row for each case: the results, and the times, which differ from run to run."""
 
     results: Table

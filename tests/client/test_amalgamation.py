@@ -9,7 +9,7 @@ import pytest
 from emitted import _folder, made, random_states, run
 from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
-from flexgen.library.generate import Generated, generate
+from flexgen.library.generate import GeneratedLibrary, generate
 from flexgen.model.reader import read
 from flexgen.runtime import load
 from flexgen.runtime.library import Library
@@ -20,7 +20,7 @@ SMALL = ["elbow", "planar5_nmp"]
 
 
 @cache
-def merged(name: str, precision: str = "double") -> Generated:
+def merged(name: str, precision: str = "double") -> GeneratedLibrary:
     """The amalgamated library of a model; not to be changed."""
     return generate(name, _folder() / f"{name}_merged_{precision}", amalgamate=True, precision=precision)
 

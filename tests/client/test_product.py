@@ -18,7 +18,7 @@ from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 from flexgen.codegen.emit import symbols
 from flexgen.codegen.spec import library_spec
 from flexgen.library.compiler import REPRODUCIBLE
-from flexgen.library.generate import Generated, generate
+from flexgen.library.generate import GeneratedLibrary, generate
 from flexgen.mechanics.equations import derive
 from flexgen.model.reader import read
 from flexgen.runtime import load
@@ -31,7 +31,7 @@ BY_ITSELF = {"memset", "memcpy", "memmove"}
 
 
 @cache
-def single(name: str) -> Generated:
+def single(name: str) -> GeneratedLibrary:
     """The library of a model in single precision; not to be changed."""
     return generate(name, _folder() / f"{name}_single", precision="single")
 

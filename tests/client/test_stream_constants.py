@@ -16,7 +16,7 @@ from flexgen.analysis.zeros import preview
 from flexgen.codegen.spec import LibrarySpec, library_spec
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
-from flexgen.library.generate import Generated, generate
+from flexgen.library.generate import GeneratedLibrary, generate
 from flexgen.library.stream_defaults import stream_defaults
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERSION
@@ -45,7 +45,7 @@ def spec(name: str) -> LibrarySpec:
 
 
 @cache
-def library(name: str, precision: str = "double") -> Generated:
+def library(name: str, precision: str = "double") -> GeneratedLibrary:
     """The library of what inverts a model, in one file."""
     functions = [f.name for f in spec(name).functions]
     folder = _folder() / f"{name}_stream_{precision}"

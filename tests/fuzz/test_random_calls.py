@@ -19,8 +19,8 @@ from flexgen.type_checks import checks_of
 
 # Objects of these classes take minutes to make; their methods are checked, and not called here.
 NOT_MADE = {
-    *("FeedbackLinearisation", "FeedbackStudy", "InverseKinematics", "JointTorqueFeedback", "LQ", "Learned"),
-    *("LimitedInverter", "MotionFit", "Phase", "Simulation", "TorqueCommand", "Tuned"),
+    *("FeedbackLinearisation", "FeedbackStudy", "InverseKinematics", "JointTorqueFeedback", "LQ", "LearningResult"),
+    *("LimitedInverter", "MotionFit", "Phase", "Simulation", "TorqueCommand", "TuningResult"),
 }
 
 

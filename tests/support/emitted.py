@@ -12,7 +12,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from flexgen.library.generate import Generated, generate
+from flexgen.library.generate import GeneratedLibrary, generate
 from flexgen.runtime import Library, load
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", "-ffp-contract=off"]
@@ -28,7 +28,7 @@ def _folder() -> Path:
 
 
 @cache
-def made(name: str, *parts: str) -> Generated:
+def made(name: str, *parts: str) -> GeneratedLibrary:
     """The library of a model, with optional parts; not to be changed."""
     return generate(name, _folder() / "-".join([name, *parts]), parts=parts)
 

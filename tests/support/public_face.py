@@ -23,6 +23,7 @@ VARYING = (  # times of this computer, folders, errors at the level of rounding
     (re.compile(r"seconds=[-\d.e]+|digest='\w+'"), "..."),
     (re.compile(r"(?<=closed-form in )[-\d.e]+(?= s$)", re.MULTILINE), "..."),
     (re.compile(r"(?<=time to solve and verify</td><td>)[-\d.e]+"), "..."),
+    (re.compile(r"(?<=<td>)(wall time|seconds|digest)(</td><td>)[-\d.\w]+"), r"\1\2..."),
     (re.compile(r"\b[\d.]+e-\d+(?=[ <])|0\.000\d+(?= um)"), "..."),
 )
 

@@ -48,7 +48,7 @@ def objects(robot, solution, tmp_path_factory):
         solution.simulation,
         flexgen.export_fmu(robot, folder / "elbow.fmu", binary=False, progress=False),
         flexgen.export_ros2(robot, folder / "ros2"),
-        flexgen.Generated(folder, (folder,) * 100, ("gravity",) * 100, "0" * 64, 1.0, False, True),
+        flexgen.GeneratedLibrary(folder, (folder,) * 100, ("gravity",) * 100, "0" * 64, 1.0, False, True),
         flexgen.Program(name="long", type="program", start=(0.0, 0.0), steps=steps),
         flexgen.Configuration(np.zeros(100), 0.0, True, 1, 0.1, {}),
         flexgen.Detection(rows, None),

@@ -10,7 +10,7 @@ from flexgen.cli.printing import paragraph
 from flexgen.cli.result import Progress, VerbResult, check_writable, keywords, read_model
 
 if TYPE_CHECKING:
-    from flexgen.library.generate import Generated
+    from flexgen.library.generate import GeneratedLibrary
     from flexgen.model.elements import RobotModel
 
 
@@ -39,7 +39,7 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
     return VerbResult(generated_dict(robot, library), "\n".join(lines), details=files)
 
 
-def generated_dict(robot: RobotModel, library: Generated) -> dict[str, Any]:
+def generated_dict(robot: RobotModel, library: GeneratedLibrary) -> dict[str, Any]:
     """The data of a generated library for ``--json``."""
     return {
         "model": robot.name,

@@ -196,7 +196,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     validation: tuple[dict[str, Any], list[str]] = ({}, [])
     if args.refine is not None:
         found, validation = _refined(found, args, log)
-    result = found.figures() | {"model": model.name} | validation[0]
+    result = found.to_dict() | validation[0]
     rows = [
         [
             row["name"], row["value"], row["unit"], deviation_text(row["sd"], row["sd_is_relative"]),
@@ -259,8 +259,7 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
             f'spring = {{ type = "linear", stiffness = {stiffness:.6g} }}',
             f"damping = {dof.damping:.6g}",
         ]
-    result = found.identified.figures() | {
-        "model": model.name,
+    result = found.identified.to_dict() | {
         "added": list(found.added),
         "removed": list(found.removed),
         "changes": [vars(change) for change in found.changes],

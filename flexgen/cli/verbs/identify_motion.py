@@ -156,15 +156,7 @@ def segments(args: Namespace, log: Progress) -> VerbResult:
         "",
         *(f"{line}." for line in found.weak),
     ]
-    result: dict[str, Any] = {
-        "model": model.name,
-        "status": str(found.status),
-        "parameters": [{"name": n, "value": values[n], "sd": sd[n]} for n in values],
-        "fit_percent": list(found.fit_percent),
-        "held_out_percent": list(found.held_out_percent),
-        "white": list(found.white),
-        "rms": list(found.rms),
-    }
+    result = found.to_dict()
     if args.out is not None and found.status != FitStatus.NOT_CONVERGED:
         with writing(args.out):
             result["model_file"] = str(found.write(args.out))

@@ -18,24 +18,8 @@ def path(args: Namespace, log: Progress) -> VerbResult:
 
     robot = read_model(args)
     planned = plan(robot, chosen_move(args.moves, args.move, robot), ignore_limits=args.ignore_limits)
-    segments = [
-        {
-            "space": segment.space,
-            "start_s": segment.start,
-            "duration_s": segment.law.duration,
-            "smoothness": segment.smoothness,
-        }
-        for segment in planned.segments
-    ]
-    data = {
-        "model": robot.name,
-        "move": planned.move.name,
-        "duration_s": planned.duration,
-        "smoothness": planned.smoothness,
-        "q_start": planned.q_start.tolist(),
-        "segments": segments,
-    }
-    rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in enumerate(segments, 1)]
+    data = planned.to_dict()
+    rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in enumerate(data["segments"], 1)]
     head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")
     text = f"{robot.name}, {planned.move.name}: {number(planned.duration)} s\n\n" + table(rows, head)
     if args.out is not None:

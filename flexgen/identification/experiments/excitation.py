@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import array_files
 from flexgen.atomic_files import write_text
 from flexgen.counts import count_of
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.model.elements import RobotModel
+from flexgen.results import ArrayResult
 from flexgen.type_checks import checked_result
 
 MOST_SAMPLES, MOST_PERIODS = 10_000_000, 100_000  # in a period; of one experiment
@@ -33,7 +33,7 @@ MOST_SAMPLES, MOST_PERIODS = 10_000_000, 100_000  # in a period; of one experime
 
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan:
+class Plan(ArrayResult):
     """An experiment: poses, references and drives.
 
     Parameters
@@ -60,6 +60,9 @@ class Plan:
     predicted : dict of str to float
         Expected standard deviation of the logarithm of each parameter, where it was computed.
     """
+
+    KIND = "plan"
+    ARRAYS = "poses lines amplitudes phases position_gain speed_gain integral_gain torque_max"
 
     model: str
     digest: str
@@ -127,10 +130,6 @@ class Plan:
             out += self.amplitudes[line] / w[line] * np.sin(w[line] * t[:, None] + phase[line])
         return out
 
-    def save(self, path: str | Path) -> Path:
-        """Write an npz file, which `load` reads."""
-        return array_files.save(path, "plan", *self.data())
-
     def write_references(self, folder: str | Path) -> tuple[Path, ...]:
         """Write one period of the references of each experiment as a CSV file, for the drives of a real robot.
 
@@ -161,12 +160,6 @@ class Plan:
             path = target / f"pose{k + 1}_realization{r + 1}_experiment{e + 1}.csv"
             out.append(write_text(path, text))
         return tuple(out)
-
-    @classmethod
-    def load(cls, path: str | Path) -> Plan:
-        """Read a file of `save`; ArgumentError where it is none."""
-        names = "poses lines amplitudes phases position_gain speed_gain integral_gain torque_max"
-        return array_files.loaded(cls, path, "plan", names)
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""

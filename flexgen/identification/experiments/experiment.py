@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import array_files
 from flexgen.analysis import second_order
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import count_of
@@ -30,6 +29,7 @@ from flexgen.loop.controllers import LowPass, Notch
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.results import ArrayResult
 from flexgen.spec.arguments import seed_of
 from flexgen.type_checks import checked_result, checked_types
 
@@ -40,7 +40,7 @@ LANES = 48  # robots that are simulated together
 
 @checked_result
 @dataclass(frozen=True, eq=False, repr=False)
-class Experiment:
+class Experiment(ArrayResult):
     """Spectra of an experiment.
 
     Parameters
@@ -72,6 +72,9 @@ class Experiment:
         The lines are those where the torques are large: lines of distortion can be among them.
     """
 
+    KIND = "experiment"
+    ARRAYS = "poses lines amplitudes phases tau_m q_m speed_sd saturated"
+
     plan: Plan
     tau_m: np.ndarray
     q_m: np.ndarray
@@ -98,15 +101,6 @@ class Experiment:
 
     def __repr__(self) -> str:
         return f"<Experiment {self.source or self.plan.model}: {self.plan!r}>"
-
-    def save(self, path: str | Path) -> Path:
-        """Write an npz file, which `load` reads."""
-        return array_files.save(path, "experiment", *self.data())
-
-    @classmethod
-    def load(cls, path: str | Path) -> Experiment:
-        """Read a file of `save`; ArgumentError where it is none."""
-        return array_files.loaded(cls, path, "experiment", "poses lines amplitudes phases tau_m q_m speed_sd saturated")
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""

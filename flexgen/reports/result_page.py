@@ -1,0 +1,35 @@
+"""Pages of results: tables, then plots; a result without a page of its own gets its table and its picture."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+from flexgen.atomic_files import write_text
+from flexgen.errors import ArgumentError
+from flexgen.plots import canvas
+from flexgen.reports.folder import PAGE, check_folder, foot
+from flexgen.reports.html import figure_element, head
+from flexgen.reports.pictures import Picture
+from flexgen.results import Result
+
+
+def write_result(result: Result, directory: str | Path) -> Path:
+    """The page of a result: its table, and its picture where it has one."""
+    title = type(result).__name__
+    try:
+        drawn = [Picture("picture", result.plot(), repr(result).strip("<>"))]
+    except ArgumentError:  # no picture
+        drawn = []
+    parts = [head(title), f"<h1>{html.escape(title)}</h1>\n", result._repr_html_()]
+    return write_page(Path(directory), parts, drawn)
+
+
+def write_page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:
+    """Write ``index.html`` of the parts and the plots, and each plot as svg and png file; return the page."""
+    check_folder(directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))])
+    figures = "".join(figure_element(picture, directory) for picture in drawn)
+    for picture in drawn:
+        canvas.save(picture.figure, directory / f"{picture.name}.png")
+    plots = f"<h2>Plots</h2>\n{figures}" if drawn else ""
+    return write_text(directory / PAGE, "".join([*parts, plots, foot()]))
