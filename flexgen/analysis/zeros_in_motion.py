@@ -42,16 +42,16 @@ def moving_pencil(
     target = np.zeros(equations.function("output_constraint").numel_in("target"))
     W = evaluate(equations.function("output_constraint"), q, v, target)[1].reshape(k, -1, n_a)
 
-    def followed(forced: np.ndarray) -> np.ndarray:
+    def cancel(forced: np.ndarray) -> np.ndarray:
         """Actuated motion that cancels ``forced`` (k, n_y, n_e) in the output, the other coordinates at rest."""
         out = np.zeros((k, n_a, n_e))
         out[:, i_g] = -np.linalg.solve(W[:, :, i_g], forced)
         return out
 
-    S = followed(W[:, :, i_e])
+    S = cancel(W[:, :, i_e])
     S[:, i_e, np.arange(n_e)] = 1.0
-    V = followed(y1_q @ S)
-    C1, C0 = followed(y2_v @ S), followed(y2_q @ S + y2_v @ V)
+    V = cancel(y1_q @ S)
+    C1, C0 = cancel(y2_v @ S), cancel(y2_q @ S + y2_v @ V)
     return row_a @ S, row_a @ C1 + row_v @ S, row_a @ C0 + row_v @ V + row_q @ S
 
 

@@ -58,7 +58,7 @@ class Structure:
     dof: int | None
     form: BlockForm
 
-    def named(self, block: tuple[tuple[int, ...], tuple[int, ...]]) -> dict[str, list[str]]:
+    def name_block(self, block: tuple[tuple[int, ...], tuple[int, ...]]) -> dict[str, list[str]]:
         """Names of a block's equations and unknowns."""
         return {"equations": [self.equations[i] for i in block[0]], "unknowns": [self.unknowns[j] for j in block[1]]}
 
@@ -124,7 +124,7 @@ def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) ->
         parts = []
         for what, part in (("too many", structure.form.surplus), ("too few", structure.form.deficit)):
             if any(part):
-                names = structure.named(part)
+                names = structure.name_block(part)
                 parts.append(
                     f"{what} equations ({', '.join(names['equations']) or 'none'}) "
                     f"for {', '.join(names['unknowns']) or 'no unknown'}"
@@ -134,7 +134,7 @@ def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) ->
     smallest = tuple(smallest_ratio(J[np.ix_(rows, columns)]) for rows, columns in structure.form.blocks)
     worst = int(np.argmin(smallest))
     sigma_min = smallest[worst]
-    names = structure.named(structure.form.blocks[worst])
+    names = structure.name_block(structure.form.blocks[worst])
     where = f"the block of {', '.join(names['unknowns'])} (smallest singular value {sigma_min:.1e} of the largest)"
     if sigma_min < SINGULAR:
         verdict = (
@@ -177,7 +177,7 @@ def to_dict(structure: Structure, check: StructureCheck) -> dict[str, Any]:
         "unknown_offsets": list(structure.d),
         "index": structure.index,
         "dof": structure.dof,
-        "blocks": [structure.named(block) for block in structure.form.blocks],
+        "blocks": [structure.name_block(block) for block in structure.form.blocks],
         "block_sigma_min": list(check.smallest),
         "sigma_min": check.sigma_min,
         "holds": check.holds,

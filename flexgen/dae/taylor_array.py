@@ -272,7 +272,7 @@ def _gauss_newton(
     for _ in range(STEPS):
         F_x, F_dx = series.jacobians(x[None])
         array = derivative_array(F_x[0], F_dx[0], order, scales)
-        step = unit * _shortest(array, -F).reshape(order + 2, series.dae.n_x)
+        step = unit * _solve_least_norm(array, -F).reshape(order + 2, series.dae.n_x)
         length = 1.0
         while True:
             trial = x + length * step
@@ -289,7 +289,7 @@ def _gauss_newton(
     return x if error < CONSISTENT else None
 
 
-def _shortest(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _solve_least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The solution of ``A x = b`` of least norm; in the sense of least squares where the rows depend on each other."""
     n = A.shape[1]
     sparse = csc_array(A)

@@ -14,7 +14,7 @@ from flexgen.errors import BuildError
 from flexgen.expressions.graph import read_graph
 from flexgen.expressions.layout import Layout, column_stride, loop_function
 from flexgen.expressions.routine import Columns, Products, Rows, Selected, Sums, Zeros
-from flexgen.expressions.schedule import written_order
+from flexgen.expressions.schedule import choose_order
 from flexgen.expressions.simplify import simplify_graph
 
 GROUP = 8  # rows that are summed at once: their sums stay in registers and are independent
@@ -38,7 +38,7 @@ def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> 
             return literal(number)
         return f"-t{r >> 1}" if r & 1 else f"t{r >> 1}"
 
-    for node in written_order(graph, (r >> 1 for _, _, r in graph.outputs), set()):
+    for node in choose_order(graph, (r >> 1 for _, _, r in graph.outputs), set()):
         kind, operands = graph.kind[node], graph.operands[node]
         if kind == "constant":
             continue
@@ -91,18 +91,18 @@ def sums_text(name: str, step: Sums, layout: Layout, literal: Literal) -> str:
         lines += ["{", f"    T {starts};"]
         if dense:
             order = f"j = {step.n - 1}; j >= 0; --j" if step.backward else f"j = 0; j < {step.n}; ++j"
-            lines += [f"    for ({order}) {{", "        k = j;", *_indented(added, 2), *_indented(stored, 2), "    }"]
+            lines += [f"    for ({order}) {{", "        k = j;", *_indent(added, 2), *_indent(stored, 2), "    }"]
         elif step.backward:
             lines += [
                 f"    j = {step.n - 1};",
                 f"    for (k = {len(columns) - 1}; k >= 0; --k) {{",
                 "        for (; j > at[k]; --j) {",
-                *_indented(stored, 3),
+                *_indent(stored, 3),
                 "        }",
-                *_indented(added, 2),
+                *_indent(added, 2),
                 "    }",
                 "    for (; j >= 0; --j) {",
-                *_indented(stored, 2),
+                *_indent(stored, 2),
                 "    }",
             ]
         else:
@@ -110,12 +110,12 @@ def sums_text(name: str, step: Sums, layout: Layout, literal: Literal) -> str:
                 "    j = 0;",
                 f"    for (k = 0; k < {len(columns)}; ++k) {{",
                 "        for (; j < at[k]; ++j) {",
-                *_indented(stored, 3),
+                *_indent(stored, 3),
                 "        }",
-                *_indented(added, 2),
+                *_indent(added, 2),
                 "    }",
                 f"    for (; j < {step.n}; ++j) {{",
-                *_indented(stored, 2),
+                *_indent(stored, 2),
                 "    }",
             ]
         lines.append("}")
@@ -151,7 +151,7 @@ def zeros_text(name: str, step: Zeros, layout: Layout) -> str:
     return loop_function(name, (), lines, "void")
 
 
-def filled_text(name: str, layout: Layout) -> str:
+def fill_text(name: str, layout: Layout) -> str:
     """The C function that ends rows in zeros, up to whole vectors: of all arrays that are not written by vectors.
 
     It comes first: what it writes before the end of a row is overwritten.
@@ -256,5 +256,5 @@ def _total(pair: tuple[Rows, Rows], side: str, layout: Layout) -> str:
     return terms[0]
 
 
-def _indented(lines: Iterable[str], levels: int) -> list[str]:
+def _indent(lines: Iterable[str], levels: int) -> list[str]:
     return ["    " * levels + line for line in lines]

@@ -15,13 +15,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flexgen.expressions.column_loops import filled_text
+from flexgen.expressions.column_loops import fill_text
 from flexgen.expressions.graph import Graph, read_graph
 from flexgen.expressions.layout import WHOLE, Layout, layout_of
 from flexgen.expressions.literals import literal
 from flexgen.expressions.pivot_guards import add_pivot_guards
 from flexgen.expressions.routine import Expressions, Routine
-from flexgen.expressions.schedule import order_by_depth, written_order
+from flexgen.expressions.schedule import choose_order, order_by_depth
 from flexgen.expressions.simplify import simplify_graph
 from flexgen.expressions.step_text import step_text
 
@@ -111,7 +111,7 @@ def function_text(
         work += WHOLE
         calls.append("w = F(aligned)(w);")
     if layout.filled:
-        texts.append(filled_text(f"{prefix}fill", layout))
+        texts.append(fill_text(f"{prefix}fill", layout))
         calls.append(_call(f"{prefix}fill", [], workspace=True))
     for k, step in enumerate(program.steps):
         if not isinstance(step, Expressions):
@@ -126,7 +126,7 @@ def function_text(
             graph = add_pivot_guards(graph, step.function.name_in(), given, precision)
         writer = _Writer(graph, step, layout, common, precision)
         pieces = writer.pieces()
-        seen |= _seen(graph, step, {*outputs, *layout.places})
+        seen |= _trace_inputs(graph, step, {*outputs, *layout.places})
         whole = len(pieces) == len(program.steps) == 1
         for i, piece in enumerate(pieces):
             stack = max(stack, piece.locals)
@@ -175,10 +175,10 @@ def _function(
     return f"static T F({name})({', '.join(parameters) or 'void'}{stride})\n{{\n{body}}}\n"
 
 
-def _seen(graph: Graph, step: Expressions, arrays: Collection[str]) -> set[tuple[str, int]]:
+def _trace_inputs(graph: Graph, step: Expressions, arrays: Collection[str]) -> set[tuple[str, int]]:
     """Entries of inputs that make an entry of the given arrays NaN or infinite where they are."""
     function = step.function
-    carried = graph.carried({i for i, name in enumerate(function.name_out()) if name in arrays})
+    carried = graph.find_carriers({i for i, name in enumerate(function.name_out()) if name in arrays})
     names = function.name_in()
     entries = (graph.operands[node] for node in carried if graph.kind[node] == "input")
     return {(names[array], entry) for array, entry in entries}
@@ -242,7 +242,7 @@ class _Writer:
             out += order_by_depth(graph, groups[key], seen)
             out.append(tuple(groups[key]))
             seen.update(node for angle in groups[key] for node in self.turning[angle])
-        return out + written_order(graph, (r >> 1 for _, _, r in graph.outputs), seen)
+        return out + choose_order(graph, (r >> 1 for _, _, r in graph.outputs), seen)
 
     def _uses(self, item: int | tuple[int, ...]) -> tuple[int, ...]:
         return item if isinstance(item, tuple) else (item, *self.graph.arguments(item))
@@ -328,7 +328,7 @@ class _Writer:
         piece.ports.add(name)
         return _access(name, entry, self.parameters)
 
-    def _known(self, piece: _Piece, node: int, text: str) -> None:
+    def _define(self, piece: _Piece, node: int, text: str) -> None:
         piece.known.add(node)
         piece.locals += 1
         piece.lines.append(f"const T t{node} = {text};")
@@ -344,7 +344,7 @@ class _Writer:
             text = f" {_INFIX[kind]} ".join(self._operand(r) for r in operands)
         else:
             text = f"F({kind})({', '.join(self._argument(r) for r in operands)})"
-        self._known(piece, node, text)
+        self._define(piece, node, text)
 
     def _sincos(self, piece: _Piece, angles: tuple[int, ...]) -> None:
         """Sines and cosines of a group of angles."""
@@ -360,7 +360,7 @@ class _Writer:
         piece.locals += 3 * -(-n // 16) * 16
         for k, angle in enumerate(angles):
             for node in self.turning[angle]:
-                self._known(piece, node, f"{'sine' if self.graph.kind[node] == 'sin' else 'cosine'}{first}[{k}]")
+                self._define(piece, node, f"{'sine' if self.graph.kind[node] == 'sin' else 'cosine'}{first}[{k}]")
 
     def _store(self, piece: _Piece, node: int) -> None:
         """Write a value wherever it is a result."""

@@ -191,7 +191,7 @@ class Graph:
                     needed[other] = True
         return needed
 
-    def carried(self, arrays: Collection[int]) -> set[int]:
+    def find_carriers(self, arrays: Collection[int]) -> set[int]:
         """Nodes that make an entry of the given output arrays NaN or infinite whenever they are so themselves.
 
         Sums, products, dividends, roots and sines carry it; a comparison, a divisor or an exponential may hide it.

@@ -17,7 +17,7 @@ LARGE = 2500  # operations beyond which keeping values costs more than waiting f
 WIDE = 3  # operations per cycle of the longest chain beyond which the processor is busy anyway
 
 
-def written_order(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
+def choose_order(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
     """Nodes that the roots need and that were not seen before, in the order that suits the graph."""
     count, depth = graph.operations(), max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
     chosen = schedule_nodes if count <= LARGE and count <= WIDE * depth else order_by_depth

@@ -51,7 +51,7 @@ def joints_of_target(model: RobotModel, target: PoseTarget, before: np.ndarray, 
     if singular.distance < SINGULAR:
         part = f" of the {singular.nearest_singularity}" if singular.nearest_singularity else ""
         raise wrong("position", target.position, f"a pose that is farther from the singularity{part}")
-    placed = [(c, _placed(model, c.q, before, target.turns)) for c in asked]
+    placed = [(c, _choose_turns(model, c.q, before, target.turns)) for c in asked]
     inside = [(c, q) for c, q in placed if q is not None]
     if not inside:
         key = "turns" if target.turns else "configuration" if target.configuration else "position"
@@ -101,7 +101,7 @@ def _check(model: RobotModel, target: PoseTarget, wrong: Failure) -> None:
         raise wrong("turns", list(target.turns), f"{len(model.i_g)} whole numbers")
 
 
-def _placed(model: RobotModel, q: np.ndarray, before: np.ndarray, turns: Sequence[int]) -> np.ndarray | None:
+def _choose_turns(model: RobotModel, q: np.ndarray, before: np.ndarray, turns: Sequence[int]) -> np.ndarray | None:
     """The angles with their turns; None where one is beyond its limits."""
     out = q.copy()
     for k, i in enumerate(model.i_g):

@@ -10,7 +10,7 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
-from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, held_torque
+from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, hold_torque
 from flexgen.simulation.hold_names import HoldName
 from flexgen.torque_curve import stated_degree
 from flexgen.trajectory import Trajectory
@@ -51,7 +51,7 @@ class Hold:
 def torque_command(trajectory: Trajectory, hold: Hold) -> TorqueCommand:
     """The torques that a controller with this hold sends for a solution."""
     sample_time = SAMPLE_TIME if hold.sample_time is None else float(hold.sample_time)
-    time, values = held_torque(
+    time, values = hold_torque(
         trajectory.time,
         trajectory["tau_m"],
         hold.kind,

@@ -79,7 +79,7 @@ def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple
         linear = damped & np.array([isinstance(gear.spring, LinearSpring) for gear, _ in gears(equations.model)])
         moving = static.copy()
         if (damped & ~linear).any():
-            moving = _damped_deflections(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
+            moving = _integrate_deflections(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
         if linear.any():
             lag_steps = gear_lag(t, stiffness[0, linear], D[linear])
             moving[:, linear] = lag_steps.deflections(tau_g[:, linear].transpose(2, 0, 1), static[0, linear])
@@ -122,7 +122,7 @@ def _stiffness(equations: Equations, deflection: np.ndarray) -> tuple[np.ndarray
     return stiffness, evaluate(second, deflection)[0].reshape(deflection.shape)
 
 
-def _damped_deflections(
+def _integrate_deflections(
     spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
     """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA, with quintic Hermite torque."""

@@ -37,7 +37,7 @@ class BestSolution:
         if self.solution is None or error < self.error:
             self.solution, self.error = solution, error
 
-    def ended(self, stage: str | None, limit: float | None) -> Solution:
+    def finish(self, stage: str | None, limit: float | None) -> Solution:
         """The best solution so far, with the reason why it ends here.
 
         Parameters

@@ -53,7 +53,7 @@ def trim_after_settling(problem: InversionProblem, found: Inversion) -> tuple[In
     end = equilibrium_at(problem.equations, found.q_a[-1])
     if problem.equations.model.n_e == 0:
         return _cut(found, found.n_post, end), slow_gears(problem)
-    size = _left_over(problem, found, end)
+    size = _measure_remaining(problem, found, end)
     allowed = SETTLED * problem.accuracy
     moving = np.flatnonzero(size > allowed)
     last = int(moving[-1]) + 1 if len(moving) else 0
@@ -84,7 +84,7 @@ def slow_gears(problem: InversionProblem) -> tuple[str, ...]:
     )
 
 
-def _left_over(problem: InversionProblem, found: Inversion, end: Equilibrium) -> np.ndarray:
+def _measure_remaining(problem: InversionProblem, found: Inversion, end: Equilibrium) -> np.ndarray:
     """``size`` at the samples after the path, (n_post,)."""
     equations, model = problem.equations, problem.equations.model
     i_g, i_e = list(model.i_g), list(model.i_e)

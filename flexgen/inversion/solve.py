@@ -26,7 +26,7 @@ from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.output_columns import output_labels, output_units
-from flexgen.paths.path import named_move
+from flexgen.paths.path import find_move
 from flexgen.progress import Choice, reported
 from flexgen.registry import imported, registered
 from flexgen.simulation.hold_names import HoldName
@@ -122,10 +122,10 @@ def solve(
     with running(time_limit or None) as deadline:
         try:
             problem = _problem(model, move, fixed_joint, fastest, given)
-            solution = with_hold(problem, _found(problem, method, reached), controller)
+            solution = with_hold(problem, _find_solution(problem, method, reached), controller)
             solution = _within_limits(solution, ignore_limits or fastest)
         except (Exception, KeyboardInterrupt) as error:
-            solution = reached.ended(stage_of(error, deadline.interrupted), time_limit)
+            solution = reached.finish(stage_of(error, deadline.interrupted), time_limit)
     solution = replace(solution, warnings=(*solution.warnings, *without_effect(solution.method, preview, mesh)))
     return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
 
@@ -153,7 +153,7 @@ def _problem(
     if fastest:
         warn_of_old("solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, move).move")
         move, limits = registered("Move.fastest")(equations.model, move, limits, log or False), None
-    equations, path = problem_of_move(equations, named_move(equations.model, move), fixed_joint, log)
+    equations, path = problem_of_move(equations, find_move(equations.model, move), fixed_joint, log)
     return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options)
 
 
@@ -166,12 +166,12 @@ def _derive(model: str | FilePath | RobotModel | Equations, log: Callable[[str],
     return derive(model)
 
 
-def _found(problem: InversionProblem, method: str, reached: BestSolution) -> Solution:
+def _find_solution(problem: InversionProblem, method: str, reached: BestSolution) -> Solution:
     """The solution by a method, or by the default method and what it falls back to."""
     robot = problem.equations.model
     chosen = find_method(default_method(robot, problem.limits) if method == AUTO else method)
     check_applies(chosen, robot, problem.limits)
-    find = _automatic_solution if method == AUTO else _refined
+    find = _automatic_solution if method == AUTO else _refine
     try:
         reached.solution = find(problem, chosen, reached)
     except SolverError as error:
@@ -200,7 +200,7 @@ def _automatic_solution(problem: InversionProblem, method: Method, reached: Best
             problem.log(f"trying method {candidate.name}; before: {outcomes[-1]}")
         count = len(failures)
         try:
-            found = _refined(problem, candidate, reached, failures)
+            found = _refine(problem, candidate, reached, failures)
         except ArgumentError as error:  # a further method can have requirements of its own
             if candidate is method:
                 raise
@@ -250,16 +250,16 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
 
 
 @overload
-def _refined(problem: InversionProblem, method: Method, reached: BestSolution) -> Solution: ...
+def _refine(problem: InversionProblem, method: Method, reached: BestSolution) -> Solution: ...
 
 
 @overload
-def _refined(
+def _refine(
     problem: InversionProblem, method: Method, reached: BestSolution, failures: list[tuple[str, SolverError]]
 ) -> Solution | None: ...
 
 
-def _refined(
+def _refine(
     problem: InversionProblem,
     method: Method,
     reached: BestSolution,

@@ -16,7 +16,7 @@ from flexgen.inversion.sampling import time_derivative
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 from flexgen.runtime.path_inversion import Inversion
-from flexgen.simulation.hold import held_torque
+from flexgen.simulation.hold import hold_torque
 from flexgen.spec.ports import Port
 from flexgen.torque_curve import stated_degree
 from flexgen.trajectory import Trajectory
@@ -96,18 +96,18 @@ def motion_reference(
     y_s = np.zeros((len(time), library.sizes.get("n_s", 0)))
     if "sensors" in library.functions:
         y_s = np.ascontiguousarray(library.sensors(motion["q_a"], motion["v_a"], motion["a_a"]))
-    held = held_torques(trajectory, time, sample_s, delay_s)
+    held = hold_torques(trajectory, time, sample_s, delay_s)
     wanted = path.sample(time)
     R_ref = None if wanted.R is None else wanted.R.reshape(len(time), 9)
     return MotionReference(time, motion, held, y_s, wanted.y[:, :, 0], R_ref, first, last, path.duration)
 
 
-def held_torques(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float) -> np.ndarray:
+def hold_torques(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float) -> np.ndarray:
     """Torques to send at the samples (n, n_m)."""
     tau, first = trajectory["tau_m"], float(trajectory.time[0])
     limited = trajectory.meta.get("torque") == "limited"
     degree = stated_degree(trajectory.meta)
-    ticks, values = held_torque(trajectory.time, tau, "zoh", sample_s, delay_s, limited=limited, degree=degree)
+    ticks, values = hold_torque(trajectory.time, tau, "zoh", sample_s, delay_s, limited=limited, degree=degree)
     begin = round((ticks[0] - first) / sample_s)
     at = np.round((time - first) / sample_s).astype(int) - begin
     held = values[at.clip(0, len(values) - 1)]

@@ -45,7 +45,7 @@ def _is_dense(function: ca.Function) -> bool:
     return all(dense) and all(function.sparsity_out(k).is_dense() for k in range(function.n_out()))
 
 
-def _called(function: ca.Function, given: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
+def _call(function: ca.Function, given: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
     """The results of a call; by way of `Evaluator` where that can be, as CasADi converts arrays slowly."""
     if _is_dense(function):
         return Evaluator(function)(*given)
@@ -85,7 +85,7 @@ def evaluate(function: ca.Function, *points: np.ndarray) -> list[np.ndarray]:
     call = function if n == 1 else function.map(n)
     filled = [c if b or n == 1 else np.tile(c, (1, n)) for c, b in zip(columns, batched, strict=True)]
     out = []
-    for k, result in enumerate(_called(call, filled)):
+    for k, result in enumerate(_call(call, filled)):
         rows, cols = function.size_out(k)
         value = np.array(result, dtype=float).reshape(rows, n, cols).transpose(1, 0, 2)
         out.append(value[:, :, 0] if cols == 1 else value)

@@ -127,12 +127,12 @@ class BlendedCurve:
     def _speed(self, k: int, u: np.ndarray) -> np.ndarray:
         """|dp/du| (n,) in the corner at the end of segment k."""
         x = self._corner(k, _identity(u)[:, :2], False)[0][:, :, 1]
-        return root(_summed(x * x))
+        return root(_sum_in_order(x * x))
 
     def _speed_squared(self, k: int, u: np.ndarray) -> np.ndarray:
         """Square of |dp/du| and its derivatives, (n, 5), in the corner at the end of segment k."""
         x = self._corner(k, _identity(u), False)[0][:, :, 1:]
-        return _summed(product(x, x))
+        return _sum_in_order(product(x, x))
 
     def _corner(self, k: int, u: np.ndarray, rotate: bool = True) -> tuple[np.ndarray, Attitude | None]:
         """Jet of the position, and orientation, in the corner after segment k, from the jet of the parameter."""
@@ -199,7 +199,7 @@ class BlendedCurve:
         return compose(inverse_function(u, square_root(self._speed_squared(section.segment, u)))[:, None, :], s)[:, 0]
 
 
-def _summed(x: np.ndarray) -> np.ndarray:
+def _sum_in_order(x: np.ndarray) -> np.ndarray:
     """Sums over the second axis, one entry after the other, as in C."""
     total = x[:, 0]
     for i in range(1, x.shape[1]):

@@ -139,7 +139,7 @@ def rotation_matrices(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
     return np.eye(3) + sine * hat + versine * (hat @ hat)
 
 
-def rotated(E: np.ndarray, R: np.ndarray) -> np.ndarray:
+def multiply_rotations(E: np.ndarray, R: np.ndarray) -> np.ndarray:
     """Products (n, 3, 3) of the matrices ``E`` (n, 3, 3) and ``R`` (3, 3), with one order of operations everywhere."""
     return E[:, :, 0, None] * R[0] + E[:, :, 1, None] * R[1] + E[:, :, 2, None] * R[2]
 

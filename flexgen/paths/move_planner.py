@@ -17,7 +17,7 @@ from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
 from flexgen.paths.segments import Arc, Line, Segment, circle_through
 from flexgen.paths.time_laws import Clock, Law, SplineLaw, TimeLaw
-from flexgen.paths.timed_segments import Curve, JointMotion, TimedSegment, bounded_law, configuration_at_end
+from flexgen.paths.timed_segments import Curve, JointMotion, TimedSegment, configuration_at_end, plan_law
 
 if TYPE_CHECKING:
     from flexgen.inverse_kinematics.targets import Failure
@@ -97,7 +97,7 @@ class _Planner:
             self._bounds(move.joint_profile, "joint_profile")
             segments = self._program(move)
         elif move.type == "sampled":
-            segments = [self._sampled()]
+            segments = [self._plan_samples()]
         else:
             space, curve, speeds = self._curve()
             segments = [TimedSegment(space, curve, self._law(space, curve, speeds))]
@@ -148,7 +148,7 @@ class _Planner:
             if move.timing:
                 return SplineLaw(move.duration, move.timing, curve.length)
             return TimeLaw(move.duration, move.smoothness, curve.length)
-        return bounded_law(
+        return plan_law(
             self.reference, space, curve, tuple(move.profile), move.smoothness, move.radius, self.q_g, speeds
         )
 
@@ -226,7 +226,7 @@ class _Planner:
             raise wrong(move.where, self.name, "center", move.center, "a center off the axis through the start")
         return arc
 
-    def _sampled(self) -> TimedSegment:
+    def _plan_samples(self) -> TimedSegment:
         """The segment of a path through the samples of a file; sets the joint configuration at the start."""
         from flexgen.paths.sample_files import read_samples
         from flexgen.paths.spline import SplineCurve
@@ -440,7 +440,7 @@ class _Planner:
         curve = BlendedCurve(start, orientation, segments, zones)
         space = "joint" if joints else "tool"
         try:
-            law = bounded_law(self.reference, space, curve, profile, program.smoothness, program.radius, q_g, speeds)
+            law = plan_law(self.reference, space, curve, profile, program.smoothness, program.radius, q_g, speeds)
         except SolverError as error:
             names = f"step {first + 1}" if len(group) == 1 else f"steps {first + 1} to {first + len(group)}"
             raise SolverError(f"{self.name}, {names}: {error}") from None

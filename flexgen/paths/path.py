@@ -21,7 +21,7 @@ from flexgen.paths.timed_segments import TimedSegment
 from flexgen.results import Result
 from flexgen.type_checks import checked_class, checked_types
 
-__all__ = ["ORDER", "Path", "PathSample", "chain_rule", "named_move", "plan"]
+__all__ = ["ORDER", "Path", "PathSample", "chain_rule", "find_move", "plan"]
 
 CHECKED = 101  # instants at which `plan` solves the inverse kinematics
 
@@ -53,7 +53,7 @@ class Path(Result):
         self.pose = self.reference.pose
         planned = plan_move(self.reference, move)
         self.segments: tuple[TimedSegment, ...] = planned.segments
-        self.q_start = self.reference.undeflected(planned.q_g)
+        self.q_start = self.reference.expand(planned.q_g)
         self.smoothness = min(segment.smoothness for segment in self.segments)
         last = self.segments[-1]
         self.duration = (
@@ -113,14 +113,14 @@ class Path(Result):
                 found.append((here, self.reference.sample(segment.space, *segment.at(t[here]))))
         order = np.argsort(np.concatenate([here for here, _ in found]), kind="stable")
 
-        def joined(name: str) -> np.ndarray | None:
+        def join(name: str) -> np.ndarray | None:
             values = [getattr(sample, name) for _, sample in found]
             return None if any(value is None for value in values) else np.concatenate(values)[order]
 
-        y = joined("y")
+        y = join("y")
         assert y is not None
         joints = all(segment.space == "joint" for segment in self.segments)
-        return PathSample(y, joined("R"), joined("w"), joined("q_g") if joints else None)
+        return PathSample(y, join("R"), join("w"), join("q_g") if joints else None)
 
 
 def _instants(t: Any) -> np.ndarray:
@@ -161,7 +161,7 @@ def plan(
         The path leaves the range of a joint or the workspace, or passes a singular pose; the message names the instant.
     """
     equations = model if isinstance(model, Equations) else derive(model)
-    path = Path(equations, named_move(equations.model, move))
+    path = Path(equations, find_move(equations.model, move))
     check_range(path, ignore_limits)
     return path
 
@@ -184,7 +184,7 @@ def check_range(path: Path, ignore_limits: bool = False) -> None:
         )
 
 
-def named_move(robot: RobotModel, move: str | Move | None) -> Move:
+def find_move(robot: RobotModel, move: str | Move | None) -> Move:
     """The move or program with this name (None: the first one); a `Move` is returned as it is."""
     if isinstance(move, Move):
         return move

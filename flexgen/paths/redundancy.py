@@ -144,7 +144,7 @@ class _Follower:
 
         def slope(s: float, q: np.ndarray) -> np.ndarray:
             sample = self._tool(segment, np.clip([s], *within))
-            return self._least(self._at(q, sample)[1], sample.derivative(1)[0], s / segment.curve.length)
+            return self._solve_least_norm(self._at(q, sample)[1], sample.derivative(1)[0], s / segment.curve.length)
 
         found = solve_ivp(slope, (low, high), q_g, "DOP853", dense_output=True, rtol=TOLERANCE, atol=TOLERANCE)
         if not found.success:
@@ -152,7 +152,7 @@ class _Follower:
         for n in INTERVALS:
             s = np.linspace(low, high, n + 1)
             sample = self._tool(segment, np.clip(s, *within))
-            q = np.array([self._corrected(x, sample, k, s[k]) for k, x in enumerate(found.sol(s).T)])
+            q = np.array([self._correct(x, sample, k, s[k]) for k, x in enumerate(found.sol(s).T)])
             q[0] = q_g
             spline = make_interp_spline(s, q, k=DEGREE)
             between = (s[1:] + s[:-1]) / 2
@@ -171,10 +171,10 @@ class _Follower:
     def _at(self, q_g: np.ndarray, sample: PathSample, k: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Error of the output from a sample, and the Jacobian."""
         target = sample.y[k, :, 0] if sample.R is None else np.r_[sample.y[k, :, 0], sample.R[k].T.ravel()]
-        error, jacobian = self._error(self.reference.undeflected(q_g), target)
+        error, jacobian = self._error(self.reference.expand(q_g), target)
         return np.array(error)[:, 0], np.array(jacobian)
 
-    def _least(self, jacobian: np.ndarray, rate: np.ndarray, share: float) -> np.ndarray:
+    def _solve_least_norm(self, jacobian: np.ndarray, rate: np.ndarray, share: float) -> np.ndarray:
         """The smallest change of the free joints with this rate of the output."""
         U, sizes, V = np.linalg.svd(jacobian[:, self.free], full_matrices=False)
         if len(sizes) < len(rate) or not sizes[-1] > SINGULAR * sizes[0]:
@@ -183,11 +183,11 @@ class _Follower:
         change[self.free] = V.T @ ((U.T @ rate) / sizes)
         return change
 
-    def _corrected(self, q_g: np.ndarray, sample: PathSample, k: int, s: float) -> np.ndarray:
+    def _correct(self, q_g: np.ndarray, sample: PathSample, k: int, s: float) -> np.ndarray:
         """The nearest joints with the output at a sample."""
         for _ in range(STEPS):
             error, jacobian = self._at(q_g, sample, k)
-            change = self._least(jacobian, -error, s)
+            change = self._solve_least_norm(jacobian, -error, s)
             q_g = q_g + change
             if np.abs(change).max() < 1e-13 * (1.0 + np.abs(q_g).max()):
                 break

@@ -56,7 +56,7 @@ class Reference:
         self.tool = self.pose or self.model.output.type == "tool_position"
         self.axes = [0, 1, 2] if self.pose else ["xyz".index(axis) for axis in self.model.output.axes]
 
-    def undeflected(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
+    def expand(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
         """Arm coordinates (n_a) without deflections, from the actuated ones (n_g)."""
         q = np.zeros(self.model.n_a)
         q[list(self.model.i_g)] = q_g
@@ -64,12 +64,12 @@ class Reference:
 
     def tool_pose(self, q_g: np.ndarray | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Position (3) [m] and orientation (3, 3) of the tool of the undeflected arm."""
-        p, R = evaluate(self.equations.function("forward_kinematics"), self.undeflected(q_g))
+        p, R = evaluate(self.equations.function("forward_kinematics"), self.expand(q_g))
         return p[0], R[0]
 
     def outputs(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
         """The outputs of the undeflected arm (n_y; 3 for a pose)."""
-        return evaluate(self.equations.function("output"), self.undeflected(q_g))[0][0]
+        return evaluate(self.equations.function("output"), self.expand(q_g))[0][0]
 
     @cached_property
     def _joint_reference(self) -> ca.Function:

@@ -60,7 +60,7 @@ class _File:
                 raise ArgumentError(f"samples: given {path!r}, which is not a file, expected a .csv or .npz file")
             if file.stat().st_size > SIZE_MAX:
                 self.fail(0, "file", f"more than {SIZE_MAX} bytes", "a shorter file")
-            self.columns, self.lines = self._packed(file) if file.suffix == ".npz" else self._text(file)
+            self.columns, self.lines = self._read_packed(file) if file.suffix == ".npz" else self._text(file)
         except ArgumentError:
             raise
         except NpzError as error:
@@ -125,7 +125,7 @@ class _File:
             self.fail(line, name, f'"{cell.strip()[:40]}"', f"a number of size at most {LARGEST:g}")
         return number
 
-    def _packed(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def _read_packed(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
         known = PACKED | {"q_g": self.joints, "y": self.outputs}
         out: dict[str, np.ndarray] = {}
 

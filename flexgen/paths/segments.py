@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from flexgen.paths.jets import Attitude, chain_rule, rotated, rotation_matrices, rotation_quaternion
+from flexgen.paths.jets import Attitude, chain_rule, multiply_rotations, rotation_matrices, rotation_quaternion
 from flexgen.paths.trigonometry import sine_cosine
 
 FLAT = 1e-9  # relative: three points are on a line, a radius or an axis is zero
@@ -140,7 +140,7 @@ def attitude_along(segment: Segment, x: np.ndarray, R: np.ndarray) -> Attitude:
     w = segment.rotation[None, :, None] * (x[:, None, 1:] / segment.length)
     if angle == 0:
         return np.broadcast_to(R, (len(x), 3, 3)), w
-    return rotated(rotation_matrices(segment.rotation / angle, x[:, 0] * (angle / segment.length)), R), w
+    return multiply_rotations(rotation_matrices(segment.rotation / angle, x[:, 0] * (angle / segment.length)), R), w
 
 
 def circle_through(via: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:

@@ -134,7 +134,7 @@ def _stretches(
     return out
 
 
-def bounded_law(
+def plan_law(
     reference: Reference,
     space: str,
     curve: Curve,

@@ -28,7 +28,7 @@ from flexgen.inversion.solve import solve
 from flexgen.loop.result import unit_of
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
-from flexgen.paths.path import Path, check_range, named_move
+from flexgen.paths.path import Path, check_range, find_move
 from flexgen.performance.rigid_time import rigid_time
 from flexgen.performance.time_search import TimeSearch
 from flexgen.progress import Choice, reported
@@ -205,7 +205,7 @@ def fastest(
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
     robot = robot_of(model)
-    chosen = move if isinstance(move, Move) else named_move(robot, move)
+    chosen = move if isinstance(move, Move) else find_move(robot, move)
     check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
     try:
         with running(time_limit or None):

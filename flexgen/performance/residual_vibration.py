@@ -13,7 +13,7 @@ from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import PPI
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.plants import LocalDynamics, plants_of
-from flexgen.loop.reference import held_torques, time_grid
+from flexgen.loop.reference import hold_torques, time_grid
 from flexgen.loop.result import columns_in, unit_of
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.numerics.evaluate import evaluate
@@ -57,7 +57,7 @@ class ResidualVibration:
         end = path_end + WINDOW_S + 10 * SAMPLE_S
         time = time_grid(first, end, SAMPLE_S, BEFORE_S, 0.0)
         m = trajectory.at(np.clip(time, first, last))
-        held = held_torques(trajectory, time, SAMPLE_S, 0.0)
+        held = hold_torques(trajectory, time, SAMPLE_S, 0.0)
         lanes, model = len(self.plants.names), self.model
         if self._law is None:
             still_a, still_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))

@@ -32,7 +32,7 @@ from flexgen.model.elements import Move, RobotModel
 from flexgen.numerics.nlp import NlpResult, solve_nlp
 from flexgen.numerics.tableaus import Tableau, gauss, lobatto, radau
 from flexgen.numerics.transcription import Transcription
-from flexgen.paths.path import Path, named_move
+from flexgen.paths.path import Path, find_move
 from flexgen.planning import guesses, reference_curve
 from flexgen.planning.arguments import HessianName, check_parameter, check_solve, mesh_nodes
 from flexgen.planning.blocks import Program, check_finite, program
@@ -431,7 +431,7 @@ def plan_problem(
     if limits is not None and not isinstance(limits, bool | Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...) or False")
     equations = model if isinstance(model, Equations) else derive(model)
-    path = Path(equations, named_move(equations.model, move))
+    path = Path(equations, find_move(equations.model, move))
     if timing == "free":
         reference_curve.path_by_parameter(path)
     given = limits if isinstance(limits, Limits) else None

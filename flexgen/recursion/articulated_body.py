@@ -109,14 +109,14 @@ class _Yield:
     rest: Scalar
     armature: float
 
-    def passed_on(self, force: Vector3, moment: Vector3, tau: Scalar) -> Wrench:
+    def pass_on(self, force: Vector3, moment: Vector3, tau: Scalar) -> Wrench:
         """The wrench on the frame when the joint is free; along the axis the driving torque less the rotor's."""
         push = self.rest * self.ease
         force, moment = plus(force, [x * push for x in self.linear]), plus(moment, [x * push for x in self.about])
         (moment if self.revolute else force)[Z] = tau - self.armature * push
         return force, moment
 
-    def left_of(self, body: Articulated) -> Articulated:
+    def reduce(self, body: Articulated) -> Articulated:
         """Inertia of the body as seen through the free joint; along the axis only the rotor inertia remains."""
         about, linear = [x * self.ease for x in self.about], [x * self.ease for x in self.linear]
         J, H, M = ([row[:] for row in A] for A in (body.J, body.H, body.M))
@@ -200,8 +200,8 @@ def _to_the_base(
         yields.insert(0, _Yield(joint.revolute, about, linear, ease, tau[i] - held, armature[i]))
         if i == 0:
             break
-        force, moment = yields[0].passed_on(force, moment, tau[i])
-        body = yields[0].left_of(body)
+        force, moment = yields[0].pass_on(force, moment, tau[i])
+        body = yields[0].reduce(body)
         if len(run) == 2:
             # three joints follow on this point
             body = Articulated(_zero(), _zero(), body.M)

@@ -122,7 +122,7 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
             M[j][j] = body.mass
             force, moment = [0.0, 0.0, body.mass], [h[Y], -h[X], 0.0]
         for i in reversed(range(j)):
-            force, moment = steps[i].wrench_in_shared_axes(*steps[i + 1].left(force, moment))
+            force, moment = steps[i].wrench_in_shared_axes(*steps[i + 1].transfer_back(force, moment))
             M[i][j] = M[j][i] = moment[Z] if chain.joints[i].revolute else force[Z]
         body = steps[j].body_left(body)
     return M
@@ -160,7 +160,7 @@ class _Step:
         first = apply_twist(self.twist, body.first)
         return Composite(body.mass, first, rotate_in_plane(body.second, Y, Z, *self.twist)).shifted(self.way)
 
-    def left(self, force: Vector3, moment: Vector3) -> Wrench:
+    def transfer_back(self, force: Vector3, moment: Vector3) -> Wrench:
         """A wrench in the axes of the joint before, about its origin."""
         if self.twist is None:
             return force, plus(moment, cross(plus(self.way, [0.0, 0.0, self.slide]), force))

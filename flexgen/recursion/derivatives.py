@@ -134,7 +134,7 @@ def derivatives(
             by_dv[i][j] = by_dv[j][i] = turn_felt[Z] if felt else shift[Z]
             by_q[j][i], by_v[j][i] = (feels.of(change) for change in changes[i])
         if j > 0:
-            beyond = _seen_before(beyond, chain, turns[j], moving, q, v, j)
+            beyond = _transfer_back(beyond, chain, turns[j], moving, q, v, j)
     return by_q, by_v, by_dv
 
 
@@ -171,7 +171,7 @@ def _slide(motion: Motion, x: Scalar, speed: Scalar) -> Vector3:
     return [2.0 * y for y in plus(cross(motion.w, [0.0, 0.0, x]), [0.0, 0.0, speed])]
 
 
-def _seen_before(
+def _transfer_back(
     beyond: _Beyond,
     chain: Chain,
     turn: Turn,

@@ -180,16 +180,16 @@ def move_to_next_frame(
         w, column, a = (apply_twist_transposed(joint.twist, x) for x in (motion.w, axis, motion.a))
         root = _Root(w, column, a, turn.angle, turn.quarters)
 
-    def turned(x: Vector3, first: Vector3) -> Vector3:
+    def rotate(x: Vector3, first: Vector3) -> Vector3:
         """A vector in the joint's frame; from the root by the sum of the angles, where this takes fewer operations."""
         return [*total.into(first)[:2], turn.into(x)[Z]] if _sparse(first) else turn.into(x)
 
-    w = turned(motion.w, root.w)
-    a = turned(motion.a, root.a) if not _any(carried) else turn.into(plus(motion.a, carried))
+    w = rotate(motion.w, root.w)
+    a = rotate(motion.a, root.a) if not _any(carried) else turn.into(plus(motion.a, carried))
     if _any(carried):
         root = replace(root, a=[])
     if by_column:
-        column = turned(axis, root.column)
+        column = rotate(axis, root.column)
         spin = apply_twist_transposed(joint.twist, motion.dw)[Z]
         if joint.revolute:
             return Motion([w[X], w[Y], w[Z] + v], a, (None, None, spin + dv), (column[X], column[Y]), root)

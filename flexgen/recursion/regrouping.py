@@ -48,19 +48,19 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
     groupings = [[KeptInertia()] * n, [KEPT_ALL] * n, [KeptInertia("none", point, point) for point in points]]
     starts = [(tuple(kept), tuple([column] * n)) for kept in groupings for column in (True, False)]
 
-    def made(kept: tuple[KeptInertia, ...], columns: tuple[bool, ...]) -> Plan:
+    def make(kept: tuple[KeptInertia, ...], columns: tuple[bool, ...]) -> Plan:
         return Plan(regroup(chain, kept), columns)
 
-    best = min(starts, key=lambda choice: operations(made(*choice)))
-    least = operations(made(*best))
+    best = min(starts, key=lambda choice: operations(make(*choice)))
+    least = operations(make(*best))
     for i in reversed(range(n if n <= SEARCHED else 0)):
         for other in _others(*best, i):
-            count = operations(made(*other))
+            count = operations(make(*other))
             if count < least:
                 best, least = other, count
     # columns that are best for inverse dynamics are mostly best for the other functions
     choices = [best, *starts, *((kept, best[1]) for kept, _ in starts[::2])]
-    return tuple(made(*choice) for choice in dict.fromkeys(choices))
+    return tuple(make(*choice) for choice in dict.fromkeys(choices))
 
 
 def _on_a_point(chain: Chain, i: int) -> bool:

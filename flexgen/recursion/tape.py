@@ -27,13 +27,13 @@ class Value:
 
     def __add__(self, other: Scalar) -> Scalar:
         if not isinstance(other, Value):
-            return self.tape.shifted(self, other)
+            return self.tape.add_constant(self, other)
         if self.negative == other.negative:
             return self.tape.sum(self.node, other.node, self.negative)
         return self.tape.difference(self.node, other.node, self.negative)
 
     def __radd__(self, other: float) -> Scalar:
-        return self.tape.shifted(self, other)
+        return self.tape.add_constant(self, other)
 
     def __sub__(self, other: Scalar) -> Scalar:
         return self + (-other)
@@ -43,11 +43,11 @@ class Value:
 
     def __mul__(self, other: Scalar) -> Scalar:
         if not isinstance(other, Value):
-            return self.tape.scaled(self, other)
+            return self.tape.multiply_constant(self, other)
         return self.tape.product(self.node, other.node, self.negative != other.negative)
 
     def __rmul__(self, other: float) -> Scalar:
-        return self.tape.scaled(self, other)
+        return self.tape.multiply_constant(self, other)
 
 
 Scalar = Value | float
@@ -89,18 +89,18 @@ class Tape:
 
     def sum(self, a: int, b: int, negative: bool) -> Scalar:
         """``a + b``."""
-        alike = self._alike(a, b)
+        alike = self._match_multiples(a, b)
         if alike is not None:
             x, c, d = alike
-            return self.scaled(Value(self, x, negative), c + d)
+            return self.multiply_constant(Value(self, x, negative), c + d)
         return Value(self, self._node("+", min(a, b), max(a, b)), negative)
 
     def difference(self, a: int, b: int, negative: bool) -> Scalar:
         """``a - b``, or its negative."""
-        alike = self._alike(a, b)
+        alike = self._match_multiples(a, b)
         if alike is not None:
             x, c, d = alike
-            return self.scaled(Value(self, x, negative), c - d)
+            return self.multiply_constant(Value(self, x, negative), c - d)
         # operands are stored in one order, signs are not: both signs are looked up
         if ("-", b, a) in self._known:
             return Value(self, self._node("-", b, a), not negative)
@@ -108,7 +108,7 @@ class Tape:
             return Value(self, self._node("-", b, a))
         return Value(self, self._node("-", a, b), negative)
 
-    def _alike(self, a: int, b: int) -> tuple[int, float, float] | None:
+    def _match_multiples(self, a: int, b: int) -> tuple[int, float, float] | None:
         """``(x, c, d)`` where ``a = c x`` and ``b = d x`` with numbers c and d."""
         (kind_a, x, c), (kind_b, y, d) = self.operations[a], self.operations[b]
         x, c = (int(x), c) if kind_a == "*c" else (a, 1.0)
@@ -119,13 +119,13 @@ class Tape:
         """``a b``."""
         return Value(self, self._node("*", min(a, b), max(a, b)), negative)
 
-    def shifted(self, a: Value, c: float) -> Scalar:
+    def add_constant(self, a: Value, c: float) -> Scalar:
         """``a + c`` with a number c."""
         if c == 0.0:
             return a
         return Value(self, self._node("+c", a.node, -c if a.negative else c), a.negative)
 
-    def scaled(self, a: Value, c: float) -> Scalar:
+    def multiply_constant(self, a: Value, c: float) -> Scalar:
         """``c a`` with a number c."""
         if c == 0.0:
             return 0.0

@@ -229,7 +229,7 @@ def command_in(
     return TorqueCommand(time, values, labels, hold, float(sample_time), float(delay), {})
 
 
-def held_torque(
+def hold_torque(
     t: np.ndarray,
     tau: np.ndarray,
     hold: str,

@@ -19,7 +19,7 @@ from flexgen.inversion import hold as hold_module
 from flexgen.inversion.hold import Hold, torque_command
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
-from flexgen.simulation.hold import TorqueCommand, held_torque
+from flexgen.simulation.hold import TorqueCommand, hold_torque
 from flexgen.simulation.simulate import simulate
 
 ROBOTS = Path(__file__).parents[1] / "support" / "robots"
@@ -92,7 +92,7 @@ def test_means_and_chords_leave_errors_that_the_values_to_send_do_not(
     command = torque_command(trajectory, hold)
     plain = with_samples(planar[1], hold)
     if kind == "zoh":
-        _, means = held_torque(trajectory.time, trajectory["tau_m"], kind, 4 * T, limited=False)
+        _, means = hold_torque(trajectory.time, trajectory["tau_m"], kind, 4 * T, limited=False)
         curve = make_interp_spline(trajectory.time, trajectory["tau_m"], k=5).antiderivative()
         edges = np.minimum(command.edges, trajectory.time[-1])
         means[:-1] = np.diff(curve(edges), axis=0) / np.diff(edges)[:, None]
@@ -113,10 +113,10 @@ def test_a_delay_shifts_the_ticks_and_not_the_torque_of_the_motors() -> None:
     t = np.linspace(0.0, 0.1, 101)
     tau = np.stack([np.sin(20 * t) ** 4, t**3], axis=1)
     for kind in ("zoh", "linear", "spline"):
-        time, values = held_torque(t, tau, kind, T)
-        later, same = held_torque(t, tau, kind, T, 3 * T)
+        time, values = hold_torque(t, tau, kind, T)
+        later, same = hold_torque(t, tau, kind, T, 3 * T)
         assert later + 3 * T == pytest.approx(time, abs=1e-15) and same == pytest.approx(values, abs=1e-14)
-        ticks, shifted = held_torque(t, tau, kind, 2 * T, 0.7 * T)
+        ticks, shifted = hold_torque(t, tau, kind, 2 * T, 0.7 * T)
         assert ticks / (2 * T) == pytest.approx(np.round(ticks / (2 * T)), abs=1e-12)
         assert ticks[0] + 0.7 * T <= t[0] < ticks[1] + 0.7 * T
         assert ticks[-1] + 0.7 * T >= t[-1] and (shifted[-1] == tau[-1]).all()
@@ -128,14 +128,14 @@ def test_values_of_limited_torques_are_means_within_their_range() -> None:
     """A torque with a corner: each value is the integral by scipy, and straight lines do not exceed the torque."""
     t = np.linspace(0.0, 0.1, 101)
     tau = np.minimum(200 * t, 7.03)[:, None]
-    time, values = held_torque(t, tau, "zoh", 3 * T, 0.4 * T, limited=True)
+    time, values = hold_torque(t, tau, "zoh", 3 * T, 0.4 * T, limited=True)
     arrivals = time + 0.4 * T
     for k in range(len(time) - 1):
         a, b = arrivals[k : k + 2]
         exact = quad(lambda s: min(200 * min(max(s, 0.0), 0.1), 7.03), a, b, points=[0.0, 0.03515, 0.1])[0] / (b - a)
         assert values[k, 0] == pytest.approx(exact, abs=5e-2 if a < 0.036 < b + T else 1e-9)
     for kind in ("zoh", "linear"):
-        _, values = held_torque(t, tau, kind, 3 * T, limited=True)
+        _, values = hold_torque(t, tau, kind, 3 * T, limited=True)
         assert values.max() <= tau.max() and values.min() >= tau.min()
 
 
@@ -143,7 +143,7 @@ def test_straight_lines_are_the_nearest_ones() -> None:
     """The difference from the torque is orthogonal to a change of each inner value."""
     t = np.linspace(0.0, 0.1, 101)
     tau = np.sin(60 * t)[:, None] ** 2
-    time, values = held_torque(t, tau, "linear", 4.1 * T)
+    time, values = hold_torque(t, tau, "linear", 4.1 * T)
     curve = make_interp_spline(t, tau[:, 0], k=5)
     fine = np.linspace(time[0], time[-1], 200_001)
     miss = np.interp(fine, time, values[:, 0]) - curve(np.minimum(fine, t[-1]))
@@ -156,12 +156,12 @@ def test_a_drive_that_gets_the_samples_exceeds_the_error(monkeypatch: pytest.Mon
     """Planted bug: the status is not "solved", and a warning has the error."""
 
     def samples(t: np.ndarray, tau: np.ndarray, *arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
-        time, values = held_torque(t, tau, *arguments, **options)  # type: ignore[arg-type]
+        time, values = hold_torque(t, tau, *arguments, **options)  # type: ignore[arg-type]
         return time, make_interp_spline(t, tau, k=5)(np.clip(time, t[0], t[-1])) + 0 * values
 
     good = flexgen.solve("planar5_nmp", hold="zoh")
     assert good.status == Status.SOLVED and not good.warnings
-    monkeypatch.setattr(hold_module, "held_torque", samples)
+    monkeypatch.setattr(hold_module, "hold_torque", samples)
     bad = flexgen.solve("planar5_nmp", hold="zoh")
     assert bad.status == Status.TOLERANCE_NOT_MET and bad.tool_error_max_m == good.tool_error_max_m
     assert "zero-order hold at 1 ms makes the output deviate by 785 um" in bad.warnings[-1]

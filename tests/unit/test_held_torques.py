@@ -16,7 +16,7 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.runtime.path_inversion import Inversion, pointer
 from flexgen.runtime.structs import filled
-from flexgen.simulation.hold import TorqueCommand, held_torque
+from flexgen.simulation.hold import TorqueCommand, hold_torque
 from flexgen.simulation.simulate import simulate
 
 pytestmark = needs_compiler
@@ -49,7 +49,7 @@ def plain(library) -> Inversion:
 
 def expected(t: np.ndarray, tau: np.ndarray, hold: str, delay: float, limited: bool = False) -> np.ndarray:
     """What Python sends at the samples."""
-    time, values = held_torque(t, tau, hold, PERIOD, delay * PERIOD, limited=limited)
+    time, values = hold_torque(t, tau, hold, PERIOD, delay * PERIOD, limited=limited)
     first = int(np.argmin(np.abs(time - t[0])))
     found = values[first : first + len(t)]
     return np.concatenate([found, np.repeat(tau[-1:], len(t) - len(found), axis=0)])

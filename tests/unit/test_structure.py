@@ -56,7 +56,7 @@ def test_the_table_of_the_planar_arm(
     assert (found.index, found.dof, found.c, found.d) == (index, dof, c, d)
     assert check.holds
     assert check.verdict == f"structure holds: index {index}, {dof} degrees of freedom"
-    named = [found.named(block) for block in found.form.blocks]
+    named = [found.name_block(block) for block in found.form.blocks]
     assert named[0] == {"equations": ["motion q3", "tool x", "tool y"], "unknowns": ["q1", "q2", "q3"]}
     assert named[1:] == [
         {"equations": ["motion q1"], "unknowns": ["m1"]},

@@ -97,9 +97,9 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
     equations, path = derived(args), None
     if args.move is not None:
         from flexgen.paths.path import Path as ToolPath
-        from flexgen.paths.path import named_move
+        from flexgen.paths.path import find_move
 
-        path = ToolPath(equations, named_move(equations.model, args.move))
+        path = ToolPath(equations, find_move(equations.model, args.move))
     analysis = analyze_model(equations, args.pose, path)
     data = analysis.to_dict()
     text = analysis.model.title + " in equilibrium\n\n" + _analysis_text(analysis)

@@ -181,9 +181,9 @@ def _details(solution: Solution) -> str:
 def chosen_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:
     """The move or program with this name in a file of moves, or else in the model; None: the first."""
     if file is None:
-        from flexgen.paths.path import named_move
+        from flexgen.paths.path import find_move
 
-        return named_move(robot, name)
+        return find_move(robot, name)
     return _move_of_file(file, name, robot)
 
 

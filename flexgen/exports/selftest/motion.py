@@ -14,7 +14,7 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.moves import Move
 from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.path import Path, PathSample, named_move
+from flexgen.paths.path import Path, PathSample, find_move
 
 SMALL = 8  # coordinates of a robot for which collocation takes seconds
 UPDATES = 120  # of the stream beyond its horizon, at most
@@ -58,7 +58,7 @@ def motion_of(equations: Equations, options: StreamOptions, move: str | Move | N
     ArgumentError, SolverError
         The move does not exist, or its torques are not found; `motion=False` leaves this test out.
     """
-    chosen = named_move(equations.model, move)
+    chosen = find_move(equations.model, move)
     path = Path(equations, chosen)
     n = min(math.ceil(path.duration / options.period), UPDATES) + options.intervals
     sample = path.sample(np.arange(n + 1) * options.period)
