@@ -25,14 +25,14 @@ SIZE_MAX = 500_000_000  # bytes
 def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Path:
     """Write a file; it appears whole or not at all."""
     pairs = [name for name, array in arrays.items() if np.iscomplexobj(array)]
-    arrays = {name: _real(array) if name in pairs else array for name, array in arrays.items()}
+    arrays = {name: _split_complex(array) if name in pairs else array for name, array in arrays.items()}
     text = json.dumps({"kind": kind, "format": FORMAT, "complex": pairs, **meta}, ensure_ascii=True, allow_nan=False)
     with atomic_file(path) as stream:
         np.savez_compressed(stream, meta=np.array(text), **arrays)  # type: ignore[arg-type]
     return Path(path)
 
 
-def loaded(kind_of: type[T], path: str | Path, kind: str, names: str) -> T:
+def load_instance(kind_of: type[T], path: str | Path, kind: str, names: str) -> T:
     """The instance in a file; ``names``: the arrays that it must have.
 
     Raises
@@ -86,6 +86,6 @@ def load(path: str | Path, kind: str, names: Sequence[str]) -> tuple[dict[str, n
     return arrays, meta
 
 
-def _real(array: np.ndarray) -> np.ndarray:
+def _split_complex(array: np.ndarray) -> np.ndarray:
     """A complex array as pairs of real and imaginary part, (..., 2)."""
     return np.stack([array.real, array.imag], axis=-1)

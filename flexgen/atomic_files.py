@@ -59,7 +59,7 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
     """A binary stream whose content becomes the file when the block ends without an error.
 
     Missing folders are made. The new file has the mode of the old one, where that is the user's. A symbolic link stays:
-    the file that it leads to is replaced, unless `followed` refuses the link. A device or a pipe is written directly.
+    the file that it leads to is replaced, unless `follow_links` refuses it. A device or a pipe is written directly.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
         The file cannot be written; the text has the reason and what to do.
     """
     try:
-        target = followed(path)
+        target = follow_links(path)
         if target.exists() and not target.is_file():
             with open(target, "wb") as stream:
                 yield stream
@@ -80,7 +80,7 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
         remove_leftovers(target.parent)
         part = target.with_name(f"{FILE}{secrets.token_hex(8)}")
         try:
-            with open(part, "xb", opener=_shared) as stream:
+            with open(part, "xb", opener=_open_shared) as stream:
                 _lock(stream.fileno())
                 yield stream
                 stream.flush()
@@ -96,7 +96,7 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
         raise unwritable(path, error) from error
 
 
-def followed(path: str | Path) -> Path:
+def follow_links(path: str | Path) -> Path:
     """What a path to be written leads to, without symbolic links.
 
     A link in a folder that every user may write (such as /tmp) is followed only where it belongs to the user or to
@@ -211,7 +211,7 @@ def _remove_abandoned(path: Path) -> None:
         os.close(descriptor)
 
 
-def _shared(name: str, flags: int) -> int:
+def _open_shared(name: str, flags: int) -> int:
     """Open with the rights that the user's umask leaves."""
     return os.open(name, flags, 0o666)
 

@@ -72,7 +72,7 @@ def running(seconds: float | None) -> Iterator[Deadline]:
 
 
 @contextmanager
-def paused() -> Iterator[None]:
+def pause() -> Iterator[None]:
     """Within: the time does not count."""
     began = time.perf_counter()
     try:

@@ -23,7 +23,7 @@ def warn_of_old(text: str) -> None:
 def renamed(**names: str) -> Callable[[Call], Call]:
     """A function whose parameters had other names, ``old="new"``, which work with a `DeprecationWarning`."""
 
-    def decorated(function: Call) -> Call:
+    def decorate(function: Call) -> Call:
         @wraps(function)
         def call(*arguments: Any, **keywords: Any) -> Any:
             for old, new in names.items():
@@ -34,4 +34,4 @@ def renamed(**names: str) -> Callable[[Call], Call]:
 
         return cast(Call, call)
 
-    return decorated
+    return decorate

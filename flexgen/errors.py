@@ -19,11 +19,11 @@ def printable(text: str) -> str:
 
 def message_of(text: str) -> str:
     """A message for the user: printable, and with the beginning and the end of what is long."""
-    text = _shortened(printable(text), MESSAGE)
-    return _LONG.sub(lambda found: found[1] + _shortened(found[2], GIVEN), text)
+    text = _shorten(printable(text), MESSAGE)
+    return _LONG.sub(lambda found: found[1] + _shorten(found[2], GIVEN), text)
 
 
-def _shortened(text: str, most: int) -> str:
+def _shorten(text: str, most: int) -> str:
     left = len(text) - most
     if left <= 0:
         return text
@@ -41,10 +41,10 @@ class FlexgenError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled with its text and fields: errors of worker processes reach the user, whatever `__init__` takes."""
-        return _restored, (type(self), self.args, self.__dict__)
+        return _restore, (type(self), self.args, self.__dict__)
 
 
-def _restored(kind: type[FlexgenError], args: tuple[Any, ...], fields: dict[str, Any]) -> FlexgenError:
+def _restore(kind: type[FlexgenError], args: tuple[Any, ...], fields: dict[str, Any]) -> FlexgenError:
     error = kind.__new__(kind, *args)
     error.__dict__.update(fields)
     return error

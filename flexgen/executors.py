@@ -41,7 +41,7 @@ def with_executor(
             running |= {executor.submit(work, shard): (shard, 1) for shard in islice(todo, most - len(running))}
             if not running:
                 return
-            for future in _first(list(running)):
+            for future in _wait_for_first(list(running)):
                 shard, attempt = running.pop(future)
                 try:
                     rows = future.result()
@@ -61,7 +61,7 @@ def with_executor(
             future.cancel()
 
 
-def _first(running: list[Any]) -> list[Any]:
+def _wait_for_first(running: list[Any]) -> list[Any]:
     """The futures that are done; waits for at least one."""
     if all(isinstance(future, futures.Future) for future in running):
         done = futures.wait(running, return_when=futures.FIRST_COMPLETED).done

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PPoly, make_interp_spline
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
-from flexgen.torque_curve import interval_polynomials, stated_degree, torque_curve
+from flexgen.torque_curve import interval_polynomials, read_degree, torque_curve
 
 MOTIONS = (("q_a", "v_a", "a_a"), ("q_m", "v_m", "a_m"))  # channels that are derivatives of each other
 DEGREE = 5
@@ -45,15 +45,15 @@ def interpolate(
     except (TypeError, ValueError, OverflowError):
         at = np.array(np.nan)
     if at.ndim > 1 or not ((at >= grid[0]) & (at <= grid[-1])).all():
-        what = f"shape {at.shape}" if at.ndim > 1 else "an instant that is outside" if at.ndim else shown(t)
+        what = f"shape {at.shape}" if at.ndim > 1 else "an instant that is outside" if at.ndim else show_value(t)
         raise ArgumentError(f"t: given {what}, expected one or more instants from {grid[0]:g} to {grid[-1]:g} s")
     found: dict[str, np.ndarray] = {}
-    degree = stated_degree(meta)
+    degree = read_degree(meta)
     for names in MOTIONS:
         given = [name for name in names if name in channels]
         if given[:1] == [names[0]] and given == list(names[: len(given)]):
             samples = [channels[name] for name in given]
-            curve = _hermite(grid, samples) if degree is None or len(given) < 3 else _integrated(grid, samples, degree)
+            curve = _hermite(grid, samples) if degree is None or len(given) < 3 else _integrate(grid, samples, degree)
             found |= {name: np.asarray(curve(at, order)) for order, name in enumerate(given)}
     for name in channels:
         if name == "tau_m":
@@ -64,7 +64,7 @@ def interpolate(
     return {name: found[name] for name in channels}
 
 
-def _integrated(t: np.ndarray, x: list[np.ndarray], degree: int) -> PPoly:
+def _integrate(t: np.ndarray, x: list[np.ndarray], degree: int) -> PPoly:
     """The motion whose acceleration is a polynomial on each interval, from samples of angle, speed and acceleration.
 
     Each interval begins with its own sample of angle and speed.

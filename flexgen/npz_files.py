@@ -129,8 +129,8 @@ def _headers(archive: zipfile.ZipFile, size_max: int) -> dict[str, tuple[tuple[i
         size = math.prod(shape) * dtype.itemsize
         if size != member.file_size - start:
             raise NpzError(
-                f"the array {name[:80]!r} of shape {_short(shape)} and {member.file_size - start} bytes",
-                f"{_short(size)} bytes",
+                f"the array {name[:80]!r} of shape {_shorten(shape)} and {member.file_size - start} bytes",
+                f"{_shorten(size)} bytes",
             )
         out[name] = shape, by_columns, dtype, start
     return out
@@ -151,9 +151,9 @@ def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dty
         raise NpzError(f"the array {name[:80]!r} without a header that can be read", "one of numpy")
     descr, shape, by_columns = head["descr"], head["shape"], head["fortran_order"]
     if not (isinstance(descr, str) and _TYPE.fullmatch(descr)):
-        raise NpzError(f"the array {name[:80]!r} of type {_short(descr)}", "numbers or text")
+        raise NpzError(f"the array {name[:80]!r} of type {_shorten(descr)}", "numbers or text")
     if not (isinstance(shape, tuple) and len(shape) <= 32 and all(type(n) is int and n >= 0 for n in shape)):
-        raise NpzError(f"the array {name[:80]!r} of shape {_short(shape)}", "whole numbers >= 0")
+        raise NpzError(f"the array {name[:80]!r} of shape {_shorten(shape)}", "whole numbers >= 0")
     try:
         return shape, bool(by_columns), np.dtype(descr)
     except (TypeError, ValueError):
@@ -173,7 +173,7 @@ def _array(
     return numbers.reshape(shape, order="F" if by_columns else "C").copy()
 
 
-def _short(value: Any) -> str:
+def _shorten(value: Any) -> str:
     try:
         text = str(value)
     except ValueError:  # an integer of thousands of digits

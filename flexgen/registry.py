@@ -35,15 +35,15 @@ def register(group: str, targets: Mapping[str, str]) -> None:
     _TARGETS.setdefault(group, {}).update(targets)
 
 
-def imported(target: str) -> Any:
+def import_object(target: str) -> Any:
     """The object ``module:object``."""
     module, _, name = target.partition(":")
     return getattr(import_module(module), name)
 
 
-def registered(name: str) -> Any:
+def find_function(name: str) -> Any:
     """The function of the group ``results`` with a name."""
-    return imported(_TARGETS["results"][name])
+    return import_object(_TARGETS["results"][name])
 
 
 def own_names(group: str) -> tuple[str, ...]:
@@ -75,7 +75,7 @@ def extension(group: str, name: str) -> Any:
     """The object of a name; ArgumentError where it cannot be imported."""
     target = _TARGETS.get(group, {}).get(name)
     if target is not None:
-        return imported(target)
+        return import_object(target)
     found = _points(group)[name]
     try:
         return found.load()

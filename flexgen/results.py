@@ -83,7 +83,7 @@ class Result:
             )
         figure = draw(self)
         if path is not None:
-            registry.registered("Result.picture")(figure, path)
+            registry.find_function("Result.picture")(figure, path)
         return figure
 
     def report(self, folder: str | Path) -> Path:
@@ -149,11 +149,11 @@ class ArrayResult(Result):
         """Read a file of `save`; ArgumentError where it is none."""
         from flexgen import array_files
 
-        return array_files.loaded(cls, path, cls.KIND, cls.ARRAYS)
+        return array_files.load_instance(cls, path, cls.KIND, cls.ARRAYS)
 
 
 def _viewer(of: type, member: str) -> Any:
     """The function that is registered for a class or the nearest of its bases; None where there is none."""
     names = [f"{base.__name__}.{member}" for base in of.__mro__]
     found = next((name for name in names if name in registry.own_names("results")), None)
-    return None if found is None else registry.registered(found)
+    return None if found is None else registry.find_function(found)

@@ -73,7 +73,7 @@ def interval_polynomials(t: np.ndarray, samples: np.ndarray, degree: int) -> PPo
     return PPoly(scaled, t[::SAMPLES])
 
 
-def stated_degree(meta: Mapping[str, Any]) -> int | None:
+def read_degree(meta: Mapping[str, Any]) -> int | None:
     """The degree of the polynomials of the motor torque, where meta data of a trajectory state one."""
     degree = meta.get(POLYNOMIALS)
     if degree is None or (type(degree) is int and 0 <= degree <= DEGREE):

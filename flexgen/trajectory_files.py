@@ -248,7 +248,7 @@ def _read_csv(path: Path) -> Content:
             if stated is not None:
                 raise ArgumentError(f"line {number}: given a row after the last line, expected the end of the file")
             if line.startswith("#"):
-                stated = _stated_rows(line, number)
+                stated = _parse_row_count(line, number)
                 continue
             row = _cells(line)
             if len(row) != len(header):
@@ -280,7 +280,7 @@ def _check_time(header: list[str]) -> None:
         raise ArgumentError(f"line 2: given the first column {header[0][:60]!r}, expected 'time s'{advice}")
 
 
-def _stated_rows(line: str, number: int) -> int:
+def _parse_row_count(line: str, number: int) -> int:
     found = _ROWS.match(line)
     if found is None:
         raise ArgumentError(f"line {number}: given the comment {line.strip()[:60]!r}, expected '# rows: N'")

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, NamedTuple, NoReturn, TypeVar, overload
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.types_of_values import UNWRITABLE, Check, Names, check_of, is_infinite, is_text
 
@@ -56,19 +56,19 @@ def checked_types(function: Any = None, /, *, own: tuple[str, ...] = ()) -> Any:
         Parameters that the function checks itself, types included, before it does anything else.
     """
     if function is None:
-        return functools.partial(_wrapped, own=own)
-    return _wrapped(function)
+        return functools.partial(_wrap, own=own)
+    return _wrap(function)
 
 
 def checked_class(cls: C) -> C:
     """Decorate a public class: its constructor and its public methods are checked as by `checked_types`."""
-    cls.__init__ = _wrapped(cls.__init__, cls=cls)  # type: ignore[misc]
+    cls.__init__ = _wrap(cls.__init__, cls=cls)  # type: ignore[misc]
     return checked_methods(cls)
 
 
 def checked_result(cls: C) -> C:
     """Decorate a public data class of results: as `checked_class`, but its numbers may be infinite or nan."""
-    cls.__init__ = _wrapped(cls.__init__, cls=cls, result=True)  # type: ignore[misc]
+    cls.__init__ = _wrap(cls.__init__, cls=cls, result=True)  # type: ignore[misc]
     return checked_methods(cls)
 
 
@@ -80,7 +80,7 @@ def checked_methods(cls: C) -> C:
         kind = type(member) if isinstance(member, classmethod | staticmethod) else None
         function = member if kind is None else member.__func__
         if inspect.isfunction(function) and _parameters(function) > (0 if kind is staticmethod else 1):
-            setattr(cls, name, _wrapped(function) if kind is None else kind(_wrapped(function)))
+            setattr(cls, name, _wrap(function) if kind is None else kind(_wrap(function)))
     return cls
 
 
@@ -129,7 +129,7 @@ class _Entrance:
             if check is not None and not check.passes(value):
                 self.refuse(name, value, check)
 
-    def stored(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> tuple[tuple[()], dict[str, Any]]:
+    def collect_stored(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> tuple[tuple[()], dict[str, Any]]:
         """The arguments of a data class as it stored them: its `__post_init__` may have made a tuple of an array."""
         given = dict(zip(self.plan().names[1:], args[1:], strict=False)) | kwargs
         return (), {name: getattr(args[0], name, value) for name, value in given.items()}
@@ -137,13 +137,13 @@ class _Entrance:
     def refuse(self, name: str, value: Any, check: Check) -> NoReturn:
         """State what was given and what was expected."""
         words = UNWRITABLE if isinstance(value, str) and not is_text(value) else WORDS.get(name, check.words)
-        raise ArgumentError(f"{self.head}{name}: given {shown(value)}, expected {words}") from None
+        raise ArgumentError(f"{self.head}{name}: given {show_value(value)}, expected {words}") from None
 
 
-def _wrapped(function: Any, *, cls: type | None = None, result: bool = False, own: tuple[str, ...] = ()) -> Any:
+def _wrap(function: Any, *, cls: type | None = None, result: bool = False, own: tuple[str, ...] = ()) -> Any:
     head = "" if cls is None else f"{cls.__name__}, "
     entrance = _Entrance(function, head, cls, result, own)
-    check, check_all, stored = entrance.check, replace(entrance, own=()).check, entrance.stored
+    check, check_all, stored = entrance.check, replace(entrance, own=()).check, entrance.collect_stored
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:

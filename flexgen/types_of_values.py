@@ -90,7 +90,7 @@ def check_of(annotation: Any, *, infinite: bool = False, result: bool = False) -
     if issubclass(origin, Mapping):
         return _mapping(part_of(parts[0]), part_of(parts[1]))
     if origin is tuple and Ellipsis not in parts:
-        return _fixed([part_of(part) for part in parts])
+        return _tuple([part_of(part) for part in parts])
     if issubclass(origin, Sequence):
         return _sequence(part_of(parts[0]))
     if origin is Iterable:
@@ -207,7 +207,7 @@ def _iterable(entry: Check | None) -> Check:
     return Check(passes, "a sequence" if entry is None else f"a sequence with {entry.words} in each place")
 
 
-def _fixed(entries: Sequence[Check | None]) -> Check:
+def _tuple(entries: Sequence[Check | None]) -> Check:
     def passes(value: Any) -> bool:
         items = items_of(value)
         if items is None or len(items) != len(entries):

@@ -79,13 +79,13 @@ def verbs_of(rows: str, shared: str) -> dict[str, Verb]:
         A row has a word without a meaning.
     """
     common: dict[str, list[Option]] = {}
-    for line in _joined(shared):
+    for line in _join_lines(shared):
         if line.startswith("@"):
             common[line[1:]] = []
         else:
             common[next(reversed(common))].append(_option(line))
     verbs: dict[str, Verb] = {}
-    for line in _joined(rows):
+    for line in _join_lines(rows):
         verb = next(reversed(verbs.values()), None)
         if not line.startswith(" "):
             head, action, function, old = [*(part.strip() for part in line.split("|")), "", ""][:4]
@@ -101,7 +101,7 @@ def verbs_of(rows: str, shared: str) -> dict[str, Verb]:
     return verbs
 
 
-def _joined(text: str) -> Iterable[str]:
+def _join_lines(text: str) -> Iterable[str]:
     """The lines of a text, with lines that continue a help, which are indented more than a row."""
     lines: list[str] = []
     for line in filter(None, text.split("\n")):

@@ -20,7 +20,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.quasistatic import OutputPath
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
-from flexgen.registry import registered
+from flexgen.registry import find_function
 from flexgen.results import Result
 from flexgen.type_checks import checked_result, checked_types
 
@@ -71,7 +71,7 @@ class Analysis(Result):
         ArgumentError
             The package control is not installed.
         """
-        return registered("Analysis.to_control")(self, units)
+        return find_function("Analysis.to_control")(self, units)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types, SI units; complex numbers as ``[re, im]``."""

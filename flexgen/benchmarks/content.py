@@ -37,11 +37,11 @@ def content_hash(value: Any, what: str) -> str:
     ArgumentError
         A number is not finite, or something else is in it; the place is named.
     """
-    text = json.dumps(_plain(value, what), sort_keys=True, ensure_ascii=True, separators=(",", ":"))
+    text = json.dumps(_to_plain(value, what), sort_keys=True, ensure_ascii=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
-def _plain(value: Any, where: str) -> Any:
+def _to_plain(value: Any, where: str) -> Any:
     if value is None or isinstance(value, (str, bool)):
         return value
     if isinstance(value, np.generic):
@@ -53,11 +53,11 @@ def _plain(value: Any, where: str) -> Any:
             raise ArgumentError(f"{where}: given {value!r}, expected a finite number")
         return f"{value + 0.0:.{DIGITS}g}" if value else "0"
     if isinstance(value, np.ndarray):
-        return [list(value.shape), *(_plain(float(x), where) for x in value.ravel())]
+        return [list(value.shape), *(_to_plain(float(x), where) for x in value.ravel())]
     if isinstance(value, Mapping):
-        return {str(key): _plain(value[key], f"{where}, {key}") for key in value}
+        return {str(key): _to_plain(value[key], f"{where}, {key}") for key in value}
     if isinstance(value, (tuple, list)):
-        return [_plain(x, f"{where}[{k}]") for k, x in enumerate(value)]
+        return [_to_plain(x, f"{where}[{k}]") for k, x in enumerate(value)]
     if is_dataclass(value) and not isinstance(value, type):
         return [type(value).__name__, _of_fields(value, where)]
     raise ArgumentError(f"{where}: given {value!r}, expected data: numbers, texts and what is made of them")
@@ -71,7 +71,7 @@ def _of_fields(value: Any, where: str) -> dict[str, Any]:
             continue
         own = getattr(value, field.name)
         default = field.default_factory() if field.default_factory is not MISSING else field.default
-        plain = _plain(own, f"{where}, {field.name}")
-        if default is MISSING or plain != _plain(default, where):
+        plain = _to_plain(own, f"{where}, {field.name}")
+        if default is MISSING or plain != _to_plain(default, where):
             out[field.name] = plain
     return out

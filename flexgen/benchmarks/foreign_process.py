@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from flexgen.errors import FlexgenError
-from flexgen.loop.interface import STEP, Measurement, PlugIn, PythonController, Setup, checked_step, reference_of
+from flexgen.loop.interface import STEP, Measurement, PlugIn, PythonController, Setup, check_step, reference_of
 from flexgen.loop.python_files import is_python, module_of_file, object_of_file
 
 BEGIN = -1  # in the place of the number of a sample: the controller and the robots follow
@@ -99,7 +99,7 @@ class _Robots:
             for lane, controller in enumerate(own):
                 if lane in self.failed:
                     continue
-                u = checked_step(controller, k, seen[lane], planned[lane], setup.n_m)
+                u = check_step(controller, k, seen[lane], planned[lane], setup.n_m)
                 if isinstance(u, str):
                     errors[lane] = f"step {self.count} {u}"[:500]
                 else:

@@ -243,7 +243,7 @@ def score(
         )
     chosen = name if isinstance(name, Scenario) else scenario(name, version)
     made, title = scenario_controller(controller, chosen, Bench(chosen).motion)
-    rule = _broken_rule(chosen, made, seed, steps)
+    rule = _find_broken_rule(chosen, made, seed, steps)
     if seed is None:
         drawn = isinstance(made, ForeignController) and chosen.plan is not None
         seed = secret_seed() if drawn else chosen.seed
@@ -260,7 +260,7 @@ def score(
     )
 
 
-def _broken_rule(chosen: Scenario, made: Controller, seed: int | None, steps: int | None) -> str:
+def _find_broken_rule(chosen: Scenario, made: Controller, seed: int | None, steps: int | None) -> str:
     """Why a score does not follow the rule of its benchmark, or nothing."""
     if isinstance(made, ForeignController):
         if chosen.plan is None:

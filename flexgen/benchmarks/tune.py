@@ -242,7 +242,7 @@ def cascade_table(cascade: Cascade | Linear, description: str) -> str:
     def row(values: Any) -> str:
         return "[" + ", ".join(repr(float(x)) for x in values) + "]"
 
-    lines = [f"description = {_quoted(description)}"]
+    lines = [f"description = {_quote(description)}"]
     if isinstance(cascade, Linear):
         lines.append('type = "linear"')
         for name, x in zip("ABCD", cascade.matrices, strict=True):
@@ -257,5 +257,5 @@ def cascade_table(cascade: Cascade | Linear, description: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

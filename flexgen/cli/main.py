@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any, NoReturn
 
-from flexgen.atomic_files import followed
+from flexgen.atomic_files import follow_links
 from flexgen.errors import ArgumentError, FlexgenError, SolverError, message_of, printable
 from flexgen.version import __version__
 
@@ -49,7 +49,7 @@ class _Messages:
         self._began, self._quiet, self._verbose = time.perf_counter(), args.quiet, args.verbose
         self._path = args.log
         self._file = (
-            None if args.log is None else followed(args.log).open("a", encoding="utf-8", errors="backslashreplace")
+            None if args.log is None else follow_links(args.log).open("a", encoding="utf-8", errors="backslashreplace")
         )
         self.record(f"flexgen {__version__}: {shlex.join(words)}")
 

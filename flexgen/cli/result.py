@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.atomic_files import followed
+from flexgen.atomic_files import follow_links
 from flexgen.cli.defaults import defaults_of
 from flexgen.errors import ArgumentError
 
@@ -74,7 +74,7 @@ def check_writable(path: Path | None, *, folder: bool = False) -> None:
     """
     if path is None:
         return
-    followed(path)
+    follow_links(path)
     if not folder and path.is_dir():
         raise ArgumentError(f"output: given {str(path)!r}, which is a directory, expected a file name")
     ancestor = path if folder else path.parent

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from flexgen.equations_text.elements import Expr3, Joint, Mass, Rotor, Shift, Step, Symbols, Turn
 from flexgen.equations_text.trigonometric import Element as Polynomial
-from flexgen.equations_text.trigonometric import Matrix3, TrigonometricRing, Vector3, chained
+from flexgen.equations_text.trigonometric import Matrix3, TrigonometricRing, Vector3, accumulate_angles
 
 
 class SymbolicChain:
@@ -70,9 +70,9 @@ class SymbolicChain:
 
     def _shift(self, by: Vector3) -> None:
         self.p = [x + y for x, y in zip(self.p, self.ring.multiply(self.R, by), strict=True)]
-        self.Jv = self._moved(by)
+        self.Jv = self._move_point(by)
 
-    def _moved(self, by: Vector3) -> list[Vector3]:
+    def _move_point(self, by: Vector3) -> list[Vector3]:
         """Velocities of the point ``by`` of the current frame."""
         turned = [self.ring.cross(w, by) for w in self.Jw]
         return [[x + y for x, y in zip(v, t, strict=True)] for v, t in zip(self.Jv, turned, strict=True)]
@@ -81,7 +81,7 @@ class SymbolicChain:
         ring = self.ring
         m, com = ring.element(body.mass), [ring.element(x) for x in body.com]
         inertia = [[ring.element(body.inertia[i, j]) for j in range(3)] for i in range(3)]
-        rows = list(zip(*self._moved(com), strict=True))  # x, y, z of the velocities by each coordinate
+        rows = list(zip(*self._move_point(com), strict=True))  # x, y, z of the velocities by each coordinate
         spins = list(zip(*self.Jw, strict=True))
         for k in range(3):
             self._add(self.M, m, rows[k], rows[k])
@@ -151,5 +151,5 @@ def polynomial_ring(
             heavy += [step.inertia] if step.inertia.is_Symbol else []
     slides = [q for q in q_a if q not in turning]
     constants = [symbol for symbol in values if symbol not in fixed]
-    rows = chained([*same, *[0] * len(fixed)])
+    rows = accumulate_angles([*same, *[0] * len(fixed)])
     return TrigonometricRing([*constants, *slides, *v], [*turning, *fixed], units, heavy, v, rows)

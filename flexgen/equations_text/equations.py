@@ -141,7 +141,7 @@ class SymbolicEquations:
             rows = tuple(Row(head, (i + 1,), value) for i, value in enumerate(values))
             return [Section(title, rows)] if any(value != 0 for value in values) else []
 
-        def named(pairs: list[tuple[sp.Symbol, sp.Expr]]) -> tuple[Row, ...]:
+        def name_rows(pairs: list[tuple[sp.Symbol, sp.Expr]]) -> tuple[Row, ...]:
             return tuple(Row("", (), value, names[symbol]) for symbol, value in pairs)
 
         terms = [("M", "a_a"), ("S", "a_m"), ("c", ""), ("g", ""), ("f", ""), ("r", "")]
@@ -157,11 +157,11 @@ class SymbolicEquations:
         sections += vector("Friction f", "f", self.friction) + vector("Drag of the bodies r", "r", self.drag)
         given = [(symbol, torque) for symbol, torque in zip(self.tau, self.torques, strict=True) if torque is not None]
         if given:
-            sections.append(Section("Springs and dampers", named([*self.deflections.items(), *given])))
+            sections.append(Section("Springs and dampers", name_rows([*self.deflections.items(), *given])))
         if self.gear_equations:
-            sections.append(Section("Rigid gears", named(list(self.gear_equations))))
+            sections.append(Section("Rigid gears", name_rows(list(self.gear_equations))))
         if self.motor_equations:
-            rows = named(list(zip(self.tau_m, self.motor_equations, strict=True)))
+            rows = name_rows(list(zip(self.tau_m, self.motor_equations, strict=True)))
             sections.append(Section("Motors", rows))
         sections += self._output_sections()
         used = {symbol for section in sections for row in section.rows for symbol in row.value.free_symbols}

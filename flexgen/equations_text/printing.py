@@ -190,7 +190,7 @@ class _Latex(LatexPrinter):
     _print_cos = _print_sin
 
 
-def _short(sheet: Sheet) -> dict[sp.Expr, tuple[str, str]]:
+def _abbreviate(sheet: Sheet) -> dict[sp.Expr, tuple[str, str]]:
     """Abbreviations of sines and cosines of sums of numbered coordinates, ``s12``, in text and LaTeX, in order."""
     numbers = {}
     for symbol in sheet.coordinates:
@@ -222,7 +222,7 @@ def _value(value: float) -> str:
 
 def text(sheet: Sheet) -> str:
     """The sheet as plain text, one entry per line."""
-    short = _short(sheet)
+    short = _abbreviate(sheet)
     printer = _Text({f: names[0] for f, names in short.items()})
     lines = [f"{one_line(sheet.title)}: {one_line(sheet.description)}".rstrip(": "), ""]
     if sheet.source:
@@ -251,7 +251,7 @@ def text(sheet: Sheet) -> str:
 
 def latex(sheet: Sheet) -> str:
     """The sheet as a complete LaTeX document (article, amsmath)."""
-    short = _short(sheet)
+    short = _abbreviate(sheet)
     names = {entry.symbol: entry.name.latex() for entry in sheet.symbols}
     printer = _Latex({f: both[1] for f, both in short.items()}, names)
     lines = [
@@ -287,17 +287,17 @@ def latex(sheet: Sheet) -> str:
     if short:
         sums = {f: " + ".join(names[symbol] for symbol in _sum_arguments(f, sheet.coordinates)) for f in short}
         lines.append("Abbreviations:")
-        lines += _aligned([rf"{both[1]} &= \{f.func.__name__}({sums[f]})" for f, both in short.items()])
+        lines += _align([rf"{both[1]} &= \{f.func.__name__}({sums[f]})" for f, both in short.items()])
     for section in sheet.sections:
         lines += ["", rf"\subsection*{{{escape_latex(section.title)}}}"]
         if section.statement_latex:
             lines.append(rf"\[ {section.statement_latex} \]")
         if section.rows:
-            lines += _aligned([rf"{row.latex()} &= {_broken(row.value, printer)}" for row in section.rows])
+            lines += _align([rf"{row.latex()} &= {_break_lines(row.value, printer)}" for row in section.rows])
     return "\n".join([*lines, r"\end{document}"]) + "\n"
 
 
-def _aligned(rows: list[str]) -> list[str]:
+def _align(rows: list[str]) -> list[str]:
     return [r"\begin{align*}", *(row + r" \\" for row in rows[:-1]), rows[-1], r"\end{align*}"]
 
 
@@ -322,7 +322,7 @@ def _pieces(expr: sp.Expr, printer: LatexPrinter) -> list[str]:
     return out
 
 
-def _broken(expr: sp.Expr, printer: LatexPrinter) -> str:
+def _break_lines(expr: sp.Expr, printer: LatexPrinter) -> str:
     """LaTeX of an expression, broken into lines of an aligned display."""
     if expr.is_Piecewise:
         return str(printer.doprint(expr))

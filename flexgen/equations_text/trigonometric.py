@@ -147,19 +147,21 @@ class TrigonometricRing:
 
     def expression(self, p: Element) -> sp.Expr:
         """The form of ``p`` that is shortest to read: as a whole, or part by part, each in the form that suits it."""
-        common, p = _common(p, self.n)
-        found = [self._best(p, [[self.heavy, None], [None], [self.light, None]])]
+        common, p = _extract_common(p, self.n)
+        found = [self._find_shortest(p, [[self.heavy, None], [None], [self.light, None]])]
         for by in (self.heavy, self.light, [*self.heavy, *self.light]):
-            groups = _grouped(p, by)
+            groups = _group(p, by)
             if len(groups) > 1:
                 parts = []
                 for key, part in groups:
-                    shared, rest = _common(part, self.n)
-                    parts.append(_times(key.as_expr() * shared, self._best(rest, [[None], [self.light, None]])))
+                    shared, rest = _extract_common(part, self.n)
+                    parts.append(
+                        _times(key.as_expr() * shared, self._find_shortest(rest, [[None], [self.light, None]]))
+                    )
                 found.append(sp.Add(*parts))
         return _times(common, min(found, key=sp.count_ops))
 
-    def _best(self, p: Element, orders: Sequence[Levels]) -> sp.Expr:
+    def _find_shortest(self, p: Element, orders: Sequence[Levels]) -> sp.Expr:
         """The shortest form of ``p``, collected in one of the orders; None in an order means sines and cosines."""
         if len(p) <= 1 and not any(any(m[self.n :]) for m in p):
             return p.as_expr()
@@ -242,7 +244,7 @@ class TrigonometricRing:
         return real, imaginary
 
 
-def _common(p: Element, n: int | None = None) -> tuple[sp.Expr, Element]:
+def _extract_common(p: Element, n: int | None = None) -> tuple[sp.Expr, Element]:
     """The number and the monomial (in the first ``n`` symbols) common to all terms of ``p``, and what remains."""
     if not p:
         return sp.Integer(0), p
@@ -255,7 +257,7 @@ def _common(p: Element, n: int | None = None) -> tuple[sp.Expr, Element]:
     return ring.from_dict({powers: number}).as_expr(), rest
 
 
-def _signed(inner: sp.Expr) -> tuple[int, sp.Expr]:
+def _extract_sign(inner: sp.Expr) -> tuple[int, sp.Expr]:
     """The sign of most terms of a sum, and the sum without it."""
     negative = sum(1 if term.could_extract_minus_sign() else -1 for term in inner.args) if inner.is_Add else 0
     return (-1, sp.Add(*[-term for term in inner.args])) if negative > 0 else (1, inner)
@@ -263,11 +265,11 @@ def _signed(inner: sp.Expr) -> tuple[int, sp.Expr]:
 
 def _times(common: sp.Expr, inner: sp.Expr) -> sp.Expr:
     """The product; a sum of mostly negative terms hands its sign to the factor before it."""
-    sign, positive = _signed(inner)
+    sign, positive = _extract_sign(inner)
     return sp.Mul(common, inner) if common.is_Number else sp.Mul(sign * common, positive)
 
 
-def _grouped(p: Element, by: Sequence[sp.Symbol]) -> list[tuple[Element, Element]]:
+def _group(p: Element, by: Sequence[sp.Symbol]) -> list[tuple[Element, Element]]:
     """``p`` as a sum of monomials in the symbols ``by`` times what is free of them."""
     ring = p.ring
     present = {i for i, symbol in enumerate(ring.symbols) if symbol in by and any(m[i] for m in p)}
@@ -281,21 +283,21 @@ def _grouped(p: Element, by: Sequence[sp.Symbol]) -> list[tuple[Element, Element
 
 def _nest(p: Element, levels: Sequence[Sequence[sp.Symbol]]) -> sp.Expr:
     """``p`` collected by the symbols of the first level, each part by the next; factored where it can be."""
-    common, p = _common(p)
+    common, p = _extract_common(p)
     if len(p) <= 1:
         return common
     factors = _factor(p) if len(p) <= MAX_TERMS_FACTORED else [(p, 1)]
     if len(factors) > 1 or factors[0][1] > 1:
-        signed = [(_signed(_nest(part, levels)), power) for part, power in factors]
+        signed = [(_extract_sign(_nest(part, levels)), power) for part, power in factors]
         return sp.Mul(common, *[sign**power for (sign, _), power in signed], *[x**power for (_, x), power in signed])
     groups: list[tuple[Element, Element]] = []
     while levels and len(groups) <= 1:
-        groups, levels = _grouped(p, levels[0]), levels[1:]
+        groups, levels = _group(p, levels[0]), levels[1:]
     if len(groups) <= 1:
         return _times(common, p.as_expr())
     terms = []
     for key, part in groups:
-        shared, rest = _common(part)
+        shared, rest = _extract_common(part)
         terms.append(_times(key.as_expr() * shared, _nest(rest, levels)))
     return _times(common, sp.Add(*terms))
 
@@ -361,10 +363,10 @@ def _expand(powers: tuple[int, ...]) -> dict[tuple[int, ...], tuple[Any, Any]]:
     return out
 
 
-def chained(same: Sequence[int]) -> list[list[int]]:
+def accumulate_angles(same: Sequence[int]) -> list[list[int]]:
     """Rows of absolute angles: ``same[i]`` is +1 or -1 where angle i turns about the axis of angle i - 1, else 0.
 
-    >>> chained([0, 1, 0])
+    >>> accumulate_angles([0, 1, 0])
     [[1, 0, 0], [1, 1, 0], [0, 0, 1]]
     """
     rows = [[int(i == j) for j in range(len(same))] for i in range(len(same))]

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from flexgen.atomic_files import followed, remove_leftovers, staging_folder
+from flexgen.atomic_files import follow_links, remove_leftovers, staging_folder
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.version import __version__
 
@@ -52,7 +52,7 @@ def write_folder(
     """
     assert all(_FILE.match(file) and ".." not in file for file in texts), sorted(texts)
     content = {file: texts[file].encode("ascii") for file in sorted(texts)}
-    followed(target)
+    follow_links(target)
     old = _record(target, kind, name)
     _refuse_folders(target, (*content, RECORD))
     _refuse_foreign(target, content, old, force)

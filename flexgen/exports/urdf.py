@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from flexgen.atomic_files import followed, staging_folder, unwritable, write_text
+from flexgen.atomic_files import follow_links, staging_folder, unwritable, write_text
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports.exported import Exported, exported
 from flexgen.exports.overlay_tables import beam_or_drag, output_table, sensor_table, toml
@@ -102,7 +102,7 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
         _check_targets(robot, path, overlay)
         steps = _steps(robot)
         text = urdf_text(robot, steps)
-        followed(path.parent).mkdir(parents=True, exist_ok=True)
+        follow_links(path.parent).mkdir(parents=True, exist_ok=True)
         with staging_folder(path.parent) as folder:  # read back what is written before it takes the place of others
             (folder / path.name).write_text(text, encoding="utf-8")
             tables = overlay_text(robot, steps, path.name, folder)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.counts import STARTS, count_of, shown
+from flexgen.counts import STARTS, count_of, show_value
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
@@ -170,7 +170,7 @@ def _check(robot: RobotModel, data: Frf, residual: str, floor: float | None, sta
         raise ArgumentError(f"residual: given {residual!r}, expected one of {', '.join(RESIDUALS)}")
     count_of("starts", starts, STARTS)
     if not (is_number(spread) and spread >= 1.0):
-        raise ArgumentError(f"spread: given {shown(spread)}, expected a number >= 1")
+        raise ArgumentError(f"spread: given {show_value(spread)}, expected a number >= 1")
     if floor is not None and not 0 <= floor < 1:
         raise ArgumentError(f"floor: given {floor!r}, expected a part of |G| between 0 and 1")
 

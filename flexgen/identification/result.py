@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.atomic_files import write_text
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.deprecation import warn_of_old
 from flexgen.display import plain
 from flexgen.errors import ArgumentError, ModelError
@@ -30,7 +30,7 @@ from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice
-from flexgen.registry import registered
+from flexgen.registry import find_function
 from flexgen.results import Result
 from flexgen.spec.explained_status import ExplainedStatus
 from flexgen.spec.number_edit import with_numbers
@@ -159,7 +159,7 @@ class Estimated(Result):
     def is_weak(self, name: str) -> bool:
         """Whether the data do not determine a parameter: the model keeps the value of its file."""
         if name not in self.vector.names:
-            raise ArgumentError(f"name: given {shown(name)}, expected one of {', '.join(self.vector.names)}")
+            raise ArgumentError(f"name: given {show_value(name)}, expected one of {', '.join(self.vector.names)}")
         k = self.vector.names.index(name)
         return self.vector.unknowns[k].scale == "log" and bool(self.formal_covariance[k, k] > WEAK**2)
 
@@ -308,7 +308,7 @@ class IdentificationResult(Estimated):
         progress: Choice = None,
     ) -> Any:
         """Tool errors of feedforward with this model; see `flexgen.identification.verdict.verdict`."""
-        return registered("IdentificationResult.verdict")(
+        return find_function("IdentificationResult.verdict")(
             self, move, truth=truth, samples=samples, control=control, progress=progress
         )
 
@@ -383,8 +383,8 @@ def write_parameters(
     chosen = _numbers(model, values)
     numbers = {p.key: values[p.name] for p in chosen}
     notes = {p.key: f"{p.name}: sd {_percent(sd[p.name], p.name)}" for p in chosen if p.name in sd}
-    shown = "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"  # one line of a comment
-    head = f"# Identified parameters ({shown}): {note or 'each has its standard deviation in a comment'}.\n"
+    show_value = "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"  # one line of a comment
+    head = f"# Identified parameters ({show_value}): {note or 'each has its standard deviation in a comment'}.\n"
     return head + with_numbers(_without_notes(text, {p.name for p in chosen}), numbers, file, notes)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, robot_of
@@ -48,7 +48,7 @@ class Limits:
             if values is not None and not _are_numbers(values):
                 each = "non-actuated coordinate" if name == "deflection" else "motor"
                 raise ArgumentError(
-                    f"limits: given {name} {shown(values)}, expected a sequence of numbers, one for each {each}"
+                    f"limits: given {name} {show_value(values)}, expected a sequence of numbers, one for each {each}"
                 )
 
     @classmethod
@@ -125,7 +125,7 @@ def _are_numbers(values: Any) -> bool:
 
 def _bounds(name: str, values: Sequence[float] | None, size: int) -> np.ndarray:
     if not is_whole(size, 0, MOST):
-        raise ArgumentError(f"limits, number of {name} bounds: given {shown(size)}, expected 0 to {MOST}")
+        raise ArgumentError(f"limits, number of {name} bounds: given {show_value(size)}, expected 0 to {MOST}")
     if values is None:
         return np.full(size, np.inf)
     try:

@@ -12,7 +12,7 @@ from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, hold_torque
 from flexgen.simulation.hold_names import HoldName
-from flexgen.torque_curve import stated_degree
+from flexgen.torque_curve import read_degree
 from flexgen.trajectory import Trajectory
 
 
@@ -58,7 +58,7 @@ def torque_command(trajectory: Trajectory, hold: Hold) -> TorqueCommand:
         sample_time,
         float(hold.delay),
         limited=trajectory.meta.get("torque") == "limited",
-        degree=stated_degree(trajectory.meta),
+        degree=read_degree(trajectory.meta),
     )
     meta: dict[str, Any] = {key: trajectory.meta[key] for key in ("model", "variant", "move") if key in trajectory.meta}
     return TorqueCommand(time, values, trajectory.labels["tau_m"], hold.kind, sample_time, float(hold.delay), meta)

@@ -28,7 +28,7 @@ from flexgen.model.elements import Move, RobotModel
 from flexgen.model.output_columns import output_labels, output_units
 from flexgen.paths.path import find_move
 from flexgen.progress import Choice, reported
-from flexgen.registry import imported, registered
+from flexgen.registry import find_function, import_object
 from flexgen.simulation.hold_names import HoldName
 from flexgen.simulation.simulate import HELD_KEY
 from flexgen.spec.ports import Port
@@ -152,7 +152,7 @@ def _problem(
     equations = _derive(model, log)
     if fastest:
         warn_of_old("solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, move).move")
-        move, limits = registered("Move.fastest")(equations.model, move, limits, log or False), None
+        move, limits = find_function("Move.fastest")(equations.model, move, limits, log or False), None
     equations, path = problem_of_move(equations, find_move(equations.model, move), fixed_joint, log)
     return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options)
 
@@ -245,7 +245,7 @@ def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverE
 
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
     """The result of a method on intervals of ``h`` [s]."""
-    solver: Callable[[InversionProblem, float], MethodResult] = imported(f"{method.module}:{method.function}")
+    solver: Callable[[InversionProblem, float], MethodResult] = import_object(f"{method.module}:{method.function}")
     return solver(problem, h)
 
 

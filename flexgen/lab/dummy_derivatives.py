@@ -131,7 +131,7 @@ class DummyDerivatives:
 
     def choose(self, Y: np.ndarray, U: np.ndarray) -> Choice:
         """The choice of states with the best pivots at a point; SolverError where none is possible there."""
-        J = self._scaled(Y, U)
+        J = self._scale_jacobian(Y, U)
         columns = np.flatnonzero(np.array(self.d) > 0)
         depth = np.zeros(len(self.d), dtype=int)
         full = np.linalg.svd(J, compute_uv=False)
@@ -167,7 +167,7 @@ class DummyDerivatives:
         The smallest over all levels of the smallest singular value of the chosen block, relative to that of all
         columns.
         """
-        J = self._scaled(Y, U)
+        J = self._scale_jacobian(Y, U)
         worst = 1.0
         for k in range(1, self.orders + 1):
             rows = np.flatnonzero(np.array(self.c) >= k)
@@ -177,7 +177,7 @@ class DummyDerivatives:
             worst = min(worst, float(block / max(whole, 1e-300)))
         return worst
 
-    def _scaled(self, Y: np.ndarray, U: np.ndarray) -> np.ndarray:
+    def _scale_jacobian(self, Y: np.ndarray, U: np.ndarray) -> np.ndarray:
         """The system Jacobian with columns and then rows of size one."""
         J = self.jacobian(Y, U).full()
         J = J / np.maximum(np.abs(J).max(axis=0), 1e-300)

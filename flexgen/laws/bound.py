@@ -100,7 +100,7 @@ class BoundLaw:
                 f"controller: given a loop with {setup.n_m} motors and {setup.n_y} measured channels, expected {n} and "
                 f"at least {needed}"
             )
-        shared, keep = self._shared(setup)
+        shared, keep = self._make_shared(setup)
         memory = np.zeros((len(setup.q_m), 1 + 2 * n + self._delayed * n))
         memory[:, :1] = np.array([ctypes.addressof(shared)], np.int64).view(np.float64)
         memory[:, 1 + 2 * n :] = np.tile(self.start, self._delayed)
@@ -109,7 +109,7 @@ class BoundLaw:
         assert address is not None
         return Compiled(address, memory.view(np.uint8), 8, {}, (module, shared, keep))
 
-    def _shared(self, setup: Setup) -> tuple[_Shared, tuple[Any, ...]]:
+    def _make_shared(self, setup: Setup) -> tuple[_Shared, tuple[Any, ...]]:
         """Data that all robots share, and objects that must exist as long."""
         n, (parts, half_steps) = self.model.n_m, self._segments()
         addresses: dict[str, int] = {}
@@ -149,7 +149,7 @@ class BoundLaw:
 
     def step(self, k: int, y: Measurement, ref: Reference) -> np.ndarray:
         """Torques (n_m,) [N m]; `reset` first."""
-        x = self._measured(k, np.concatenate([y.q_m, y.sensors]))
+        x = self._read_state(k, np.concatenate([y.q_m, y.sensors]))
         d = self.table[min(k, len(self.table) - 1)]
         steps: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
             LINEARISATION: self._linearisation,
@@ -161,7 +161,7 @@ class BoundLaw:
             self._now["torques"] = [u.copy(), *self._now["torques"][:-1]]
         return u
 
-    def _measured(self, k: int, y: np.ndarray) -> np.ndarray:
+    def _read_state(self, k: int, y: np.ndarray) -> np.ndarray:
         """The measured state ``q_a, v_a, q_m, v_m`` (4, n)."""
         n = self.model.n_m
         if self.state >= 0:
@@ -198,12 +198,12 @@ class BoundLaw:
         for age, duration, steps in parts:
             x = self._integrate(x, self._now["torques"][age - 1], duration / steps, steps)
         if half_steps:
-            u = self._linearised(x, d)
+            u = self._linearize(x, d)
             x = self._integrate(x, u, 0.5 * self.timing.sample_s / half_steps, half_steps)
             d = d[5 * self.model.n_m :]
-        return self._linearised(x, d)
+        return self._linearize(x, d)
 
-    def _linearised(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
+    def _linearize(self, x: np.ndarray, d: np.ndarray) -> np.ndarray:
         n, g = self.model.n_m, self.gains
         q_d, v_d, a_d, j_d, s_d = d[: 5 * n].reshape(5, n)
         a, j = self._call("motion", *x)

@@ -94,7 +94,7 @@ class FeedbackLinearisation(ModelLaw):
         library = library_with(model, [*FLEXIBLE_JOINT, "forward_dynamics"])
         whole = (timing.delay_s, timing.ahead_s) if self.predict else (0.0,)
         n = len(motion.reference.time)
-        table = np.hstack([motion.differenced(motion.arm(ahead)).reshape(n, -1) for ahead in whole])
+        table = np.hstack([motion.difference(motion.arm(ahead)).reshape(n, -1) for ahead in whole])
         return BoundLaw(
             LINEARISATION, model, library, uses, timing, table, np.tile(gains[:, None], (1, model.n_m)),
             motion.state_channel, motion.link_channels("FeedbackLinearisation"), motion.reference.held[0],
@@ -141,7 +141,7 @@ class ComputedTorque(ModelLaw):
         if not self.allow_unstable:
             self._check(motion, gains)
         library = library_with(model, ["inversion_rows", "motor_friction"])
-        table = motion.differenced(motion.arm(0.0)[:, :3]).reshape(len(motion.reference.time), -1)
+        table = motion.difference(motion.arm(0.0)[:, :3]).reshape(len(motion.reference.time), -1)
         return BoundLaw(
             COMPUTED_TORQUE, model, library, ("rows", "friction"), timing, table,
             np.tile(gains[:, None], (1, model.n_m)), motion.state_channel, None, motion.reference.held[0],

@@ -100,30 +100,30 @@ class LoopShaping(LinearDesign):
         pose = PoseModels(robot).at(motion)
         pose = replace(pose, C=pose.C[: robot.n_m])  # motor angles
 
-        def tested(law: LoopShaping) -> tuple[Linear, float]:
+        def attempt(law: LoopShaping) -> tuple[Linear, float]:
             made = law.design(model, sample_s, delay_s, motion)[0]
             if not all(np.isfinite(x).all() for x in made.matrices):
                 return made, np.inf
             return made, LoopAtPose(pose, made, sample_s, delay_s).largest_eigenvalue()
 
-        made, largest = tested(self)
+        made, largest = attempt(self)
         if not largest < 1.0:
             raise ArgumentError(
                 f"controller LoopShaping, crossover_hz: given {self.crossover_hz:g} Hz, with which the sampled loop is "
                 f"unstable at {1e3 * sample_s:g} ms and a delay of {1e3 * delay_s:g} ms (largest eigenvalue "
-                f"{largest:.4g}); expected {self._stable(tested)}"
+                f"{largest:.4g}); expected {self._find_stable(attempt)}"
             )
         A, B, C, D = made.matrices
         unused = sum(len(sensor.channels) for sensor in model.sensors)  # only the motor angles are fed back
         B, D = (np.pad(x, ((0, 0), (0, 0), (0, unused))) for x in (B, D))
         return Linear(A, B, C, D)
 
-    def _stable(self, tested: Callable[[LoopShaping], tuple[Linear, float]]) -> str:
+    def _find_stable(self, attempt: Callable[[LoopShaping], tuple[Linear, float]]) -> str:
         """A lower frequency with which the loop is stable, for the message."""
         for k in range(1, LOWERINGS + 1):
             frequency = float(f"{self.crossover_hz * LOWER**k:.2g}")
             try:
-                if tested(replace(self, crossover_hz=frequency))[1] < 1.0:
+                if attempt(replace(self, crossover_hz=frequency))[1] < 1.0:
                     return f"a lower one, such as {frequency:g} Hz, or a shorter sample time"
             except SolverError:
                 continue

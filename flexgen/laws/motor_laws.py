@@ -120,7 +120,7 @@ class TomeiPD(ModelLaw):
         if not self.feedforward:
             g = evaluate(motion.equations.function("gravity"), motion.arm(motion.delay_s)[:, 0])[0]
             base = g.reshape(-1, n) @ np.linalg.inv(model.eta)
-        motors = motion.differenced(motion.motors())
+        motors = motion.difference(motion.motors())
         table = np.hstack([base, motors.reshape(len(base), -1), np.zeros((len(base), 2 * n))])
         return BoundLaw(
             JOINT_TORQUE, model, library_with(model, ["forward_dynamics"]), (), motion.timing(), table,
@@ -229,7 +229,7 @@ class JointTorqueFeedback(ModelLaw):
             else f"k_p to k_s: given {gains.tolist()}"
         )
         check_pose_loop(motion, lambda q_a: (feedback[0], feedback[1]), what)
-        arm, turned = motion.differenced(motion.arm(0.0)[:, :2]), motion.differenced(motion.motors())
+        arm, turned = motion.difference(motion.arm(0.0)[:, :2]), motion.difference(motion.motors())
         deflection, rate = (turned[:, k] @ inverse.T - arm[:, k] for k in range(2))
         p, dp = (x.reshape(-1, n) for x in evaluate(law, deflection))
         table = np.hstack([motion.reference.held, turned[:, 0], turned[:, 1], p @ inverse, (rate * dp) @ inverse])

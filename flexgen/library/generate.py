@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.atomic_files import followed
+from flexgen.atomic_files import follow_links
 from flexgen.codegen.amalgamation import amalgamated
 from flexgen.codegen.c_functions import check_parts
 from flexgen.codegen.clib_types import signature_of
@@ -229,7 +229,7 @@ def _generate_folder(
 ) -> GeneratedLibrary:
     """The library in the folder ``target``: the existing one where nothing has changed, else written and compiled."""
     name, options = library_name(request.model), request.options
-    followed(target)
+    follow_links(target)
     clean(target)
     digest = _content_digest(request)
     compiler = find_compiler(**options) if build else None

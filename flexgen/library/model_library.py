@@ -11,7 +11,7 @@ from pathlib import Path
 
 from flexgen.codegen.digest import model_digest
 from flexgen.codegen.spec import library_name
-from flexgen.deadline import paused
+from flexgen.deadline import pause
 from flexgen.errors import BuildError
 from flexgen.library.generate import MANIFEST, GeneratedLibrary, generate_parts
 from flexgen.library.library_cache import mark_used, prune
@@ -57,7 +57,7 @@ def library_with(
     BuildError
         There is no compiler, or it fails.
     """
-    with paused():
+    with pause():
         what = _What(tuple(functions), tuple(solvers), tuple(parameters), native, per_point)
         return _load(_Key(model), what, progress if progress is not None else _silent)
 

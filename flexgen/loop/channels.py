@@ -74,8 +74,8 @@ def channels_of(model: RobotModel, outputs: str | Sequence[str], noise: Noise | 
     """
     given = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, Iterable) else ()
     if not given or not all(isinstance(name, str) for name in given):
-        raise ArgumentError(f"outputs: given {outputs!r}, expected names: {', '.join(_known(model))}")
-    own = _own(noise, given)
+        raise ArgumentError(f"outputs: given {outputs!r}, expected names: {', '.join(_list_names(model))}")
+    own = _map_noises(noise, given)
     motors = [motor.name for motor in model.motors]
     names: list[str] = []
     sensors: list[Sensor] = []
@@ -98,7 +98,7 @@ def channels_of(model: RobotModel, outputs: str | Sequence[str], noise: Noise | 
     return Channels(used, tuple(names), np.array(index), _noises(names, used, own))
 
 
-def _known(model: RobotModel) -> list[str]:
+def _list_names(model: RobotModel) -> list[str]:
     """Names that may be given."""
     own = [name for s in model.sensors for name in dict.fromkeys((s.name, *s.channels))]
     return [MOTORS, *(motor.name for motor in model.motors), *own, ACCELEROMETER, GYRO, ENCODERS]
@@ -109,7 +109,7 @@ def _motors(name: str, motors: list[str], model: RobotModel) -> list[str]:
         return motors
     if name in motors:
         return [name]
-    raise ArgumentError(f"outputs: given {name!r}, expected one of {', '.join(_known(model))}")
+    raise ArgumentError(f"outputs: given {name!r}, expected one of {', '.join(_list_names(model))}")
 
 
 def _sensors(model: RobotModel, name: str) -> list[Sensor]:
@@ -133,7 +133,7 @@ def _sensors(model: RobotModel, name: str) -> list[Sensor]:
     return []
 
 
-def _own(noise: object, given: Sequence[str]) -> dict[str, float]:
+def _map_noises(noise: object, given: Sequence[str]) -> dict[str, float]:
     """Noises by the names of outputs; one number is that of all."""
     if is_number(noise):
         return dict.fromkeys(given, float(noise))  # type: ignore[arg-type]

@@ -320,7 +320,7 @@ class ClosedLoop:
         )  # fmt: skip
         used = (reference, y, tau_m, recorded, kept)
         if self._controller.foreign:
-            failed = self._watched(arguments, used)
+            failed = self._run_in_thread(arguments, used)
         else:
             failed = self._module.flexgen_loop_run(*arguments)
         self.sample += samples
@@ -335,7 +335,7 @@ class ClosedLoop:
             )
         return Samples(y[:, :, :n_m], tau_m, recorded, y[:, :, n_m:])
 
-    def _watched(self, arguments: tuple[Any, ...], used: tuple[Any, ...]) -> int:
+    def _run_in_thread(self, arguments: tuple[Any, ...], used: tuple[Any, ...]) -> int:
         """The run in a separate thread: a controller that does not return is left there, with all arrays ``used``."""
         result: list[int] = []
 

@@ -316,11 +316,11 @@ def _of_lanes(
         unknown = [name for name in given if name not in names]
         if unknown:
             raise ArgumentError(f"disturbances: given plant {unknown[0]!r}, expected one of {', '.join(names)}")
-        return {k: _checked(given.get(name, ())) for k, name in enumerate(names)}
-    return dict.fromkeys(range(len(names)), _checked(given))
+        return {k: _check_disturbances(given.get(name, ())) for k, name in enumerate(names)}
+    return dict.fromkeys(range(len(names)), _check_disturbances(given))
 
 
-def _checked(given: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
+def _check_disturbances(given: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
     """Disturbances as a tuple; ArgumentError for something else."""
     found = tuple(given) if isinstance(given, Iterable) else (None,)
     if not all(isinstance(each, Disturbance) for each in found):

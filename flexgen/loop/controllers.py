@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.library.c_module import c_module
@@ -63,7 +63,9 @@ class Notch:
 def _check_filter(of: LowPass | Notch) -> None:
     for part in fields(of):
         if not is_number(getattr(of, part.name)):
-            raise ArgumentError(f"filter, {part.name}: given {shown(getattr(of, part.name))}, expected a finite number")
+            raise ArgumentError(
+                f"filter, {part.name}: given {show_value(getattr(of, part.name))}, expected a finite number"
+            )
 
 
 def _check_numbers(name: str, value: Any, dimensions: tuple[int, ...], what: str) -> None:
@@ -73,7 +75,7 @@ def _check_numbers(name: str, value: Any, dimensions: tuple[int, ...], what: str
     except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
     if array.ndim not in dimensions or not np.isfinite(array).all():
-        raise ArgumentError(f"controller, {name}: given {shown(value)}, expected finite numbers, {what}")
+        raise ArgumentError(f"controller, {name}: given {show_value(value)}, expected finite numbers, {what}")
 
 
 def _bilinear(
@@ -88,12 +90,12 @@ def _bilinear(
         )
     c = 1.0 / math.tan(math.pi * frequency_hz * sample_s)
 
-    def sampled(x: tuple[float, float, float]) -> tuple[float, float, float]:
+    def sample(x: tuple[float, float, float]) -> tuple[float, float, float]:
         return (
             x[0] * c * c + x[1] * c + x[2], 2 * (x[2] - x[0] * c * c), x[0] * c * c - x[1] * c + x[2]
         )  # fmt: skip
 
-    above, below = sampled(b), sampled(a)
+    above, below = sample(b), sample(a)
     return tuple(x / below[0] for x in (*above, *below[1:]))
 
 
@@ -202,7 +204,7 @@ class Linear:
         for name in "ABCD":
             _check_numbers(name, getattr(self, name), (2, 3), "shape (rows, columns) or (parts, rows, columns)")
         if not is_whole(self.samples):
-            raise ArgumentError(f"controller, samples: given {shown(self.samples)}, expected a whole number >= 1")
+            raise ArgumentError(f"controller, samples: given {show_value(self.samples)}, expected a whole number >= 1")
 
     @property
     def matrices(self) -> tuple[np.ndarray, ...]:

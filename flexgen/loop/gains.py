@@ -132,7 +132,7 @@ def lowest_locked_hz(model: RobotModel, motion: Sequence[np.ndarray]) -> float:
     return second_order.lowest_locked_hz(model, M, K)
 
 
-def proposed_gains(equations: Equations) -> Cascade | None:
+def propose_gains(equations: Equations) -> Cascade | None:
     """Gains of a P-PI cascade at home, by the rule of `flexgen.control`; None where the pose has none."""
     robot = equations.model
     try:

@@ -171,7 +171,7 @@ class PythonController:
             ctypes.memmove(y.ctypes.data, at_y, y.nbytes)
             ctypes.memmove(ref.ctypes.data, at_ref, ref.nbytes)
             try:
-                u = checked_step(own[lane], k, measurement, reference, n_m)
+                u = check_step(own[lane], k, measurement, reference, n_m)
             except KeyboardInterrupt:  # C cannot pass it on
                 errors[lane] = INTERRUPTED
                 return 1
@@ -189,7 +189,7 @@ class PythonController:
         )
 
 
-def checked_step(own: Any, k: int, y: Measurement, ref: Reference, n_m: int) -> np.ndarray | str:
+def check_step(own: Any, k: int, y: Measurement, ref: Reference, n_m: int) -> np.ndarray | str:
     """The torques (n_m,) of a controller that is an object of Python, or the error of its step."""
     begin = time.perf_counter()
     try:

@@ -120,7 +120,7 @@ class LawMotion:
         moving = ((time >= first) & (time <= last))[:, None]
         return np.stack([found["q_m"], np.where(moving, found["v_m"], 0.0)], axis=1)
 
-    def differenced(self, x: np.ndarray) -> np.ndarray:
+    def difference(self, x: np.ndarray) -> np.ndarray:
         """The odd derivatives of references (n, k, m) as the measurement has them: differences of two samples."""
         if self.exact_state:
             return x

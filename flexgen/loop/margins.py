@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.second_order import motor_rows
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
@@ -105,11 +105,11 @@ class LoopAtPose:
         """Of the closed loop, absolute."""
         if not (is_number(more_delay_s) and 0 <= more_delay_s <= MOST_LATE * self.sample_s):
             raise ArgumentError(
-                f"more_delay_s: given {shown(more_delay_s)}, expected 0 to {MOST_LATE * self.sample_s} s"
+                f"more_delay_s: given {show_value(more_delay_s)}, expected 0 to {MOST_LATE * self.sample_s} s"
             )
         if not (is_number(gain) and abs(gain) <= LARGEST_FACTOR):
             raise ArgumentError(
-                f"gain: given {shown(gain)}, expected a number from -{LARGEST_FACTOR} to {LARGEST_FACTOR}"
+                f"gain: given {show_value(gain)}, expected a number from -{LARGEST_FACTOR} to {LARGEST_FACTOR}"
             )
         m, h = self.model, self.sample_s
         F, G = sample_model(m.A, m.B, h, self.delay_s + more_delay_s)
@@ -126,15 +126,15 @@ class LoopAtPose:
             return Margins(False, largest, 0.0, 0.0)
         gains = np.geomspace(1.0, LARGEST_GAIN, GAINS)
         delays = self.sample_s * LARGEST_DELAY * np.arange(1, DELAYS + 1) / DELAYS
-        gain = _first(lambda x: self.largest_eigenvalue(x) < 1.0, 1.0, gains[1:])
-        delay = _first(lambda x: self.largest_eigenvalue(1.0, x) < 1.0, 0.0, delays)
+        gain = _find_largest(lambda x: self.largest_eigenvalue(x) < 1.0, 1.0, gains[1:])
+        delay = _find_largest(lambda x: self.largest_eigenvalue(1.0, x) < 1.0, 0.0, delays)
         return Margins(True, largest, gain, delay)
 
     def response(self, low_hz: float) -> LoopResponse:
         """Loop gain from ``low_hz`` to half the sample rate."""
         m, h = self.model, self.sample_s
         if not (is_number(low_hz) and LEAST_HZ <= low_hz < 0.499 / h):
-            raise ArgumentError(f"low_hz: given {shown(low_hz)}, expected {LEAST_HZ:g} to {0.499 / h:.4g} Hz")
+            raise ArgumentError(f"low_hz: given {show_value(low_hz)}, expected {LEAST_HZ:g} to {0.499 / h:.4g} Hz")
         hz = np.geomspace(low_hz, 0.499 / h, FREQUENCIES)
         z = np.exp(2j * np.pi * hz * h)[:, None, None]
         F, G = sample_model(m.A, m.B, h, self.delay_s)
@@ -150,7 +150,7 @@ class LoopAtPose:
         return LoopResponse(hz, np.linalg.svd(loop, compute_uv=False), np.linalg.det(np.eye(loop.shape[1]) + loop))
 
 
-def _first(stable: Callable[[float], bool], start: float, values: Sequence[float] | np.ndarray) -> float:
+def _find_largest(stable: Callable[[float], bool], start: float, values: Sequence[float] | np.ndarray) -> float:
     """Largest value up to which the loop is stable; infinite where it is at all of them."""
     low = start
     for value in values:

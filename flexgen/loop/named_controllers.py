@@ -58,7 +58,7 @@ def controller_of(
     """
     late, name = sample_time + delay, type(given).__name__
     if isinstance(given, str | Path):
-        given, name = _named(str(given), model, [x[:1] for x in motion])
+        given, name = _find_controller(str(given), model, [x[:1] for x in motion])
     if isinstance(given, PPI):
         begin = [x[:1] for x in motion]
         return given.cascade(model, late, begin), _ppi_name(given, model, begin) if name in ("PPI", "ppi") else name
@@ -79,7 +79,7 @@ def _ppi_name(ppi: PPI, model: RobotModel, motion: Sequence[np.ndarray]) -> str:
     return f"ppi {'/'.join(f'{f:.3g}' for f in ppi.frequencies(model, motion).values())} Hz"
 
 
-def _named(text: str, model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[Any, str]:
+def _find_controller(text: str, model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[Any, str]:
     if text == "none":
         return FeedforwardOnly(), "feedforward only"
     if text == "ppi":

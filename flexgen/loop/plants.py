@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
@@ -93,7 +93,7 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
             continue
         if not 0 <= given <= LARGEST_FACTOR:
             raise ArgumentError(f"{what}: given the factor {given}, expected 0 to {LARGEST_FACTOR:g}")
-        known = _known(model, key)
+        known = _select_known(model, key)
         if not known:
             raise ArgumentError(f"{what}: the model {model.name} has no number of this kind")
         for parameter in known:
@@ -102,7 +102,7 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
     return out
 
 
-def _known(model: RobotModel, key: str) -> tuple[Parameter, ...]:
+def _select_known(model: RobotModel, key: str) -> tuple[Parameter, ...]:
     try:
         return select(model, [key])
     except ArgumentError:
@@ -136,8 +136,8 @@ class LocalDynamics:
         tau = np.zeros(n_m)
         for _ in range(NEWTON_STEPS):
             arguments = self._motion(y[None], q_m, tau)
-            r_a, r_m = evaluate(self._residual, *arguments, *self._given(self._residual, values))
-            R = evaluate(self._jacobians, *arguments, *self._given(self._jacobians, values))[1].reshape(n, -1)
+            r_a, r_m = evaluate(self._residual, *arguments, *self._pass_parameters(self._residual, values))
+            R = evaluate(self._jacobians, *arguments, *self._pass_parameters(self._jacobians, values))[1].reshape(n, -1)
             r = np.concatenate([r_a.ravel(), r_m.ravel()[list(model.i_m)]])
             A = np.block([[R[:, :n], R[:, 2 * n :]], [self._C, np.zeros((n_m, n_m))]])
             try:
@@ -156,7 +156,7 @@ class LocalDynamics:
         self, motion: Sequence[np.ndarray], values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) along a motion ``q_a v_a a_a q_m v_m a_m tau_m`` (k, ...)."""
-        found = evaluate(self._jacobians, *motion, *self._given(self._jacobians, values))
+        found = evaluate(self._jacobians, *motion, *self._pass_parameters(self._jacobians, values))
         return second_order_matrices(*found)
 
     def largest_rate(self, motion: Sequence[np.ndarray], values: np.ndarray) -> float:
@@ -170,7 +170,7 @@ class LocalDynamics:
         angles[:, list(self.model.i_m)] = y[:, n_a:]
         return y[:, :n_a], arm, arm, angles, motors, motors, np.tile(tau, (k, 1))
 
-    def _given(self, function: ca.Function, values: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _pass_parameters(self, function: ca.Function, values: np.ndarray) -> tuple[np.ndarray, ...]:
         return (values,) if "parameters" in function.name_in() else ()
 
 
@@ -187,6 +187,6 @@ def check_motion(model: RobotModel, motion: Sequence[np.ndarray]) -> None:
     shapes = [np.shape(x) for x in motion]
     if not shapes or [(len(motion[0]), n) for n in widths] != shapes or not all(np.isfinite(x).all() for x in motion):
         raise ArgumentError(
-            f"motion: given arrays of shapes {shown(shapes)}, expected finite q_a, v_a, a_a (k, {model.n_a}) and q_m, "
-            f"v_m, a_m, tau_m (k, {model.n_m}) of {model.name}"
+            f"motion: given arrays of shapes {show_value(shapes)}, expected finite q_a, v_a, a_a (k, {model.n_a}) and "
+            f"q_m, v_m, a_m, tau_m (k, {model.n_m}) of {model.name}"
         )

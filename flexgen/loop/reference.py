@@ -18,7 +18,7 @@ from flexgen.runtime.library import Library
 from flexgen.runtime.path_inversion import Inversion
 from flexgen.simulation.hold import hold_torque
 from flexgen.spec.ports import Port
-from flexgen.torque_curve import stated_degree
+from flexgen.torque_curve import read_degree
 from flexgen.trajectory import Trajectory
 
 MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
@@ -106,7 +106,7 @@ def hold_torques(trajectory: Trajectory, time: np.ndarray, sample_s: float, dela
     """Torques to send at the samples (n, n_m)."""
     tau, first = trajectory["tau_m"], float(trajectory.time[0])
     limited = trajectory.meta.get("torque") == "limited"
-    degree = stated_degree(trajectory.meta)
+    degree = read_degree(trajectory.meta)
     ticks, values = hold_torque(trajectory.time, tau, "zoh", sample_s, delay_s, limited=limited, degree=degree)
     begin = round((ticks[0] - first) / sample_s)
     at = np.round((time - first) / sample_s).astype(int) - begin

@@ -278,7 +278,7 @@ class ControlRun(Result):
             "simulated_s": float(self.reference.time[-1] - self.reference.time[0]),
             "wall_s": self.wall_s,
             "status": self.status,
-            "plants": [{k: _plain(v) for k, v in self.figures(run).items()} for run in self.runs],
+            "plants": [{k: _replace_nan(v) for k, v in self.figures(run).items()} for run in self.runs],
         }
 
 
@@ -292,7 +292,7 @@ def columns_in(model: RobotModel, unit: str) -> list[int]:
     return [k for k, own in enumerate(output_units(model)) if own == unit]
 
 
-def _plain(value: Any) -> Any:
+def _replace_nan(value: Any) -> Any:
     """None for NaN, which JSON does not have."""
     return None if isinstance(value, float) and not np.isfinite(value) else value
 

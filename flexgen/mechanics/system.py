@@ -15,7 +15,7 @@ from typing import Any
 
 import casadi as ca
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.lagrangian import Lagrangian, equations_of, lagrangian
 from flexgen.mechanics.parameters import put_symbols
@@ -124,7 +124,7 @@ def _column(name: str, value: Any, rows: int) -> ca.SX:
     except (TypeError, NotImplementedError, RuntimeError):
         column = ca.SX(0, 0)
     if column.shape != (rows, 1) and (rows or column.numel()):
-        raise ArgumentError(f"{name}: given {shown(value)}, expected a column of {rows} expressions")
+        raise ArgumentError(f"{name}: given {show_value(value)}, expected a column of {rows} expressions")
     return column
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, ClassVar
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.spec.ports import identifier_problem
@@ -155,7 +155,7 @@ class Move:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and 0 < len(self.name) <= LONGEST_NAME and self.name.isprintable()):
             expected = f"a printable text of 1 to {LONGEST_NAME} characters"
-            raise ArgumentError(f"move.name: given {shown(self.name)}, expected {expected}")
+            raise ArgumentError(f"move.name: given {show_value(self.name)}, expected {expected}")
 
 
 @checked_class
@@ -182,17 +182,17 @@ def check_name(what: str, text: object) -> None:
     """ArgumentError where ``text`` may not be a name in a model file."""
     problem = identifier_problem(text) if isinstance(text, str) else "a text"
     if problem:
-        raise ArgumentError(f"{what}: given {shown(text)}, expected {problem}")
+        raise ArgumentError(f"{what}: given {show_value(text)}, expected {problem}")
 
 
 def unknown_move(model: str, names: Sequence[str], given: Any) -> str:
     """The message where a model has no move of the given name."""
     if not names:
         return (
-            f"move: given {shown(given)}, but model {model} has no moves; write [[move]] tables into a TOML file and "
-            "give it with --moves FILE (in Python flexgen.read_moves(FILE, model) or a flexgen.Move), or write an "
+            f"move: given {show_value(given)}, but model {model} has no moves; write [[move]] tables into a TOML file "
+            "and give it with --moves FILE (in Python flexgen.read_moves(FILE, model) or a flexgen.Move), or write an "
             "overlay of the URDF file with moves; models/README.md describes both"
         )
     similar = get_close_matches(str(given), names, 1)
     hint = f"; did you mean {similar[0]!r}?" if similar else ""
-    return f"move: given {shown(given)}, expected one of model {model}: {', '.join(names)}{hint}"
+    return f"move: given {show_value(given)}, expected one of model {model}: {', '.join(names)}{hint}"

@@ -30,7 +30,7 @@ from flexgen.loop.sampled_model import PoseModel, PoseModels, hold_effects
 from flexgen.numerics.riccati import riccati
 from flexgen.observers.design import (
     Noises,
-    aligned,
+    allocate_aligned,
     check_observable,
     process_noise,
     record,
@@ -145,7 +145,7 @@ class ConstantGainObserver:
             sides = measured.reshape(-1, DENSE, n_x + n_m).transpose(0, 2, 1)
             blocks.append(np.concatenate([panels.ravel(), sides.ravel(), M[:, order].T.ravel()]))
         part = -(-len(blocks[0]) // 8) * 8  # each part begins at a cache line
-        table = aligned(len(blocks) * part).reshape(len(blocks), part)
+        table = allocate_aligned(len(blocks) * part).reshape(len(blocks), part)
         table[:, : len(blocks[0])] = blocks
         self._tables = {
             "state": np.array(state or [0], np.int32),
@@ -162,7 +162,7 @@ class ConstantGainObserver:
             references=len(x_ref), **{name: x.ctypes.data for name, x in self._tables.items()},
         )  # fmt: skip
         own = ctypes.sizeof(head) // 8
-        self._memory = aligned(own + int(self._module.flexgen_constant_gain_size(ctypes.byref(head))))
+        self._memory = allocate_aligned(own + int(self._module.flexgen_constant_gain_size(ctypes.byref(head))))
         ctypes.memmove(self._memory.ctypes.data, ctypes.byref(head), ctypes.sizeof(head))
         self._head, self._begin = _ConstantGain.from_buffer(self._memory.data), own
         self.reset()
@@ -178,7 +178,7 @@ class ConstantGainObserver:
     def __deepcopy__(self, memo: dict[int, Any]) -> ConstantGainObserver:
         """An observer of its own in the same state, such as `flexgen.control` makes of a controller for each robot."""
         other = copy.copy(self)
-        other._memory = aligned(self._memory.size)
+        other._memory = allocate_aligned(self._memory.size)
         other._memory[:] = self._memory
         other._head = _ConstantGain.from_buffer(other._memory.data)
         return other

@@ -81,7 +81,7 @@ def check_observable(at: PoseModel, channels: Channels, states: tuple[str, ...],
         )
 
 
-def aligned(size: int) -> np.ndarray:
+def allocate_aligned(size: int) -> np.ndarray:
     """Zeros (size,) that begin at a cache line."""
     memory = np.zeros(size + LINE // 8)
     begin = -memory.ctypes.data % LINE // 8

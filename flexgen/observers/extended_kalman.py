@@ -32,7 +32,7 @@ from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.observers.design import (
     Noises,
-    aligned,
+    allocate_aligned,
     check_observable,
     record,
     state_names,
@@ -324,7 +324,7 @@ class ExtendedKalmanFilter:
             "noise": channels.noise**2,
             "torque": (self.noises.torque * largest) ** 2,
             "walk": (self.noises.rate * largest) ** 2 * h,
-            "process": aligned(stride * stride).reshape(stride, stride),
+            "process": allocate_aligned(stride * stride).reshape(stride, stride),
         }
         self._process = self._tables["process"]
         head = _Kalman(
@@ -335,7 +335,7 @@ class ExtendedKalmanFilter:
             **{name: _function(self._library.functions.get(f)) for name, f in _FUNCTIONS.items()},
         )  # fmt: skip
         size = self._module.flexgen_kalman_size(ctypes.byref(head))
-        self._memory = aligned(size // 8)
+        self._memory = allocate_aligned(size // 8)
         ctypes.memmove(self._memory.ctypes.data, ctypes.byref(head), ctypes.sizeof(head))
         self._view()
 
@@ -354,7 +354,7 @@ class ExtendedKalmanFilter:
     def __deepcopy__(self, memo: dict[int, Any]) -> ExtendedKalmanFilter:
         """A filter of its own in the same state, such as `flexgen.control` makes of a controller for each robot."""
         other = copy.copy(self)
-        other._memory, process = aligned(self._memory.size), aligned(self._process.size)
+        other._memory, process = allocate_aligned(self._memory.size), allocate_aligned(self._process.size)
         other._memory[:], process[:] = self._memory, self._process.ravel()
         other._process = process.reshape(self._process.shape)
         other._tables = self._tables | {"process": other._process}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
@@ -129,7 +129,7 @@ def _instants(t: Any) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         found = np.zeros((0, 0))
     if found.ndim != 1 or not np.isfinite(found).all():
-        given = f"shape {np.shape(t)}" if isinstance(t, np.ndarray) and found.ndim != 1 else shown(t)
+        given = f"shape {np.shape(t)}" if isinstance(t, np.ndarray) and found.ndim != 1 else show_value(t)
         raise ArgumentError(f"t: given {given}, expected instants in s, shape (n,)")
     return found
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
@@ -41,7 +41,7 @@ class PathSample(Result):
         """k-th derivative (k >= 1) of the output, (n, n_y); of a pose, the (k - 1)-th derivative of its twist."""
         least, most = 0 if self.w is None else 1, self.y.shape[2] - 1
         if not is_whole(k, least, most):
-            raise ArgumentError(f"k: given {shown(k)}, expected the order of a derivative, {least} to {most}")
+            raise ArgumentError(f"k: given {show_value(k)}, expected the order of a derivative, {least} to {most}")
         if self.w is None:
             return self.y[:, :, k]
         return np.hstack([self.y[:, :, k], self.w[:, :, k - 1]])

@@ -301,7 +301,7 @@ def _iterate(
         if k < iterations:
             error = commanded.error(shown, name)
             share = gain / (k + 1) if noisy else gain
-            corrections.append(corrections[-1] - share * commanded.filtered(error, low))
+            corrections.append(corrections[-1] - share * commanded.filter(error, low))
     return tuple(runs), tuple(corrections[: len(runs)]), best, stopped, tuple(errors)
 
 
@@ -375,7 +375,7 @@ class _Commanded:
     def case(self, correction: np.ndarray, seed: int) -> Case:
         """The case with the feedforward of a corrected path; its errors are those from the path itself."""
         case = self._case
-        y, dy, ddy = self._corrected(correction)
+        y, dy, ddy = self._correct(correction)
         found = self.library.invert(
             y, dy, ddy, period=self.period, q_start=self.path.q_start, n_pre=self.n_pre, n_post=self.n_post,
             samples_per_interval=self.samples_per_interval,
@@ -386,7 +386,7 @@ class _Commanded:
         rests = tuple(self._local.rest(start, values, at) for values in case.plants.values)
         return replace(case, reference=reference, rests=rests, seed=seed)
 
-    def _corrected(self, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _correct(self, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Samples of the corrected path and of its rates."""
         zero = [(order, np.zeros(correction.shape[1])) for order in range(1, (DEGREE + 1) // 2)]
         spline = make_interp_spline(self.time, correction, k=DEGREE, bc_type=(zero, zero))
@@ -415,7 +415,7 @@ class _Commanded:
             e = np.hstack([e, Rotation.from_matrix(off).as_rotvec()])
         return np.stack([np.interp(self.time, run.reference.time, x) for x in e.T], axis=1)
 
-    def filtered(self, error: np.ndarray, frequency_hz: float) -> np.ndarray:
+    def filter(self, error: np.ndarray, frequency_hz: float) -> np.ndarray:
         """``Q e``: low pass forwards and backwards, constant at both ends of the window."""
         b, a = butter(2, 2 * frequency_hz * self.period)
         pad = min(len(error) - 1, round(1.0 / (frequency_hz * self.period)))

@@ -209,7 +209,7 @@ def fastest(
     check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
     try:
         with running(time_limit or None):
-            return _fastest(robot, chosen, limits, torque_rate, vibration, coefficients, progress)
+            return _find_fastest(robot, chosen, limits, torque_rate, vibration, coefficients, progress)
     except OutOfTime as error:
         raise SolverError(
             f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with time_limit= "
@@ -217,7 +217,7 @@ def fastest(
         ) from None
 
 
-def _fastest(
+def _find_fastest(
     robot: RobotModel,
     chosen: Move,
     limits: Limits | None,

@@ -89,7 +89,7 @@ def _time(s: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np
         ceiling[k] = found
     x = np.zeros(n)
     for k in range(n - 1):
-        x[k + 1] = min(_fastest(a[k], b[k], g[k], torque, x[k], h[k]), ceiling[k + 1])
+        x[k + 1] = min(_accelerate(a[k], b[k], g[k], torque, x[k], h[k]), ceiling[k + 1])
     speeds = np.sqrt(np.maximum(x, 0.0))
     total = speeds[:-1] + speeds[1:]
     if np.any(total <= 0):
@@ -124,7 +124,7 @@ def _extreme(
     return best
 
 
-def _fastest(a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, x: float, h: float) -> float:
+def _accelerate(a: np.ndarray, b: np.ndarray, g: np.ndarray, torque: np.ndarray, x: float, h: float) -> float:
     """Largest squared speed at the next point from the squared speed x."""
     with np.errstate(divide="ignore", invalid="ignore"):
         high = np.where(a > 0, (torque - g - b * x) / a, np.where(a < 0, (-torque - g - b * x) / a, np.inf))

@@ -117,7 +117,7 @@ class TimeSearch:
         ``finer``: this many times as many samples and intervals of the mesh.
         """
         self.inversions += 1
-        timed, count = self._timed(x), finer * SAMPLES
+        timed, count = self._retime(x), finer * SAMPLES
         period = timed.duration / count
         sample = timed.sample(np.arange(count + 1) * period)
         y = self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
@@ -142,7 +142,7 @@ class TimeSearch:
         values = self._vibration(trajectory_of(self._found, 0.0, self.model.name), float(x[0]))
         return np.nan_to_num(values.ravel() / (self.swings or 1.0), nan=1e3)
 
-    def _timed(self, x: np.ndarray) -> Path:
+    def _retime(self, x: np.ndarray) -> Path:
         """The path with this time law."""
         timed = copy.copy(self.path)
         timed.segments = (replace(self.path.segments[0], law=self.law(x)),)
@@ -169,7 +169,7 @@ class TimeSearch:
     def run(self) -> tuple[np.ndarray, list[float]]:
         """The best time law, and the duration after each step."""
         x = self.start()
-        g = self._tried(x)
+        g = self._try(x)
         if g is None:
             raise SolverError("fastest: the first time law cannot be inverted; take another move")
         trust, idle, history = TRUST, 0, [float(x[0])]
@@ -188,7 +188,7 @@ class TimeSearch:
                 trust *= SHRINK
                 continue
             other = x + step
-            tried = self._tried(other)
+            tried = self._try(other)
             gain = -np.inf if tried is None else merit(x, g) - merit(other, tried)
             if tried is not None and gain > 0:
                 x, g, G = other, tried, None
@@ -198,9 +198,9 @@ class TimeSearch:
                 self.tell(f"{x[0]:.4f} s, limits exceeded by {max(np.abs(g).max() - 1, 0):.1e}")
             else:
                 trust *= SHRINK
-        return self._kept(x), history
+        return self._slow_down(x), history
 
-    def _kept(self, x: np.ndarray) -> np.ndarray:
+    def _slow_down(self, x: np.ndarray) -> np.ndarray:
         """The time law slowed down until the limits are kept between the samples of the search too."""
         excess = np.inf
         for _ in range(400):
@@ -223,7 +223,7 @@ class TimeSearch:
             x, worst = self._calmest(x)
             self.tell(f"{x[0]:.4f} s: vibration {worst:.2f} times the allowed one")
             if worst <= 1.0:
-                return self._kept(x)
+                return self._slow_down(x)
         raise SolverError(
             f"fastest: vibration stays above {self.swings:.3g} m with {LONGER[-1]:g} times the shortest duration; "
             "allow more vibration"
@@ -251,7 +251,7 @@ class TimeSearch:
                 step = self._calm_program(x, g, s, G, trust)
                 self.programs += 1
                 other = x + np.concatenate([[0.0], step])
-                tried = self._tried(other)
+                tried = self._try(other)
                 if tried is not None:
                     swing = self.swing(other)
                     better = merit(tried, swing) < merit(g, s) - 1e-4
@@ -284,7 +284,7 @@ class TimeSearch:
         found = linprog(cost, A_ub=np.vstack(rows), b_ub=np.concatenate(right), bounds=bounds, method="highs")
         return np.zeros(n) if found.x is None else np.asarray(found.x[:n])
 
-    def _tried(self, x: np.ndarray) -> np.ndarray | None:
+    def _try(self, x: np.ndarray) -> np.ndarray | None:
         try:
             g = self.constraints(x)
         except FlexgenError:
@@ -297,7 +297,7 @@ class TimeSearch:
         for k in range(len(x)):
             h = STEP * (x[0] if k == 0 else 1.0)
             for step in (h, -h):
-                moved = self._tried(x + step * (np.arange(len(x)) == k))
+                moved = self._try(x + step * (np.arange(len(x)) == k))
                 if moved is not None:
                     break
             columns.append(np.zeros_like(g) if moved is None else (moved - g) / step)

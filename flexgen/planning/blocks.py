@@ -100,7 +100,9 @@ class _Local:
             name: ca.Function(f"plan{index}_{name}", inputs, [ca.densify(x) for x in out], {"cse": True})
             for name, (inputs, out) in outputs.items()
         }
-        self.functions = {name: _evaluated(function, self.count, compile_from) for name, function in self.plain.items()}
+        self.functions = {
+            name: _compile_large(function, self.count, compile_from) for name, function in self.plain.items()
+        }
 
     def __call__(self, name: str, *arguments: ca.MX) -> list[ca.MX]:
         function = self.functions[name]
@@ -108,7 +110,7 @@ class _Local:
         return list(found) if isinstance(found, tuple) else [found]
 
 
-def _evaluated(function: ca.Function, count: int, compile_from: float) -> ca.Function:
+def _compile_large(function: ca.Function, count: int, compile_from: float) -> ca.Function:
     """The function in compiled C where that saves time, see `flexgen.planning.problem`."""
     if function.n_instructions() * count < compile_from:
         return function

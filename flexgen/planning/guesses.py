@@ -53,7 +53,7 @@ def between(equations: Equations, ends: tuple[np.ndarray, np.ndarray], duration:
     model = equations.model
     times = np.linspace(0.0, duration, POSES + 1)
     n_a, i_g, i_m = model.n_a, list(model.i_g), list(model.i_m)
-    arm = _straight(ends, times, n_a)
+    arm = _interpolate(ends, times, n_a)
     if path is not None:
         try:
             poses = poses_along(equations, path, times * (path.duration / duration))
@@ -83,7 +83,7 @@ def between(equations: Equations, ends: tuple[np.ndarray, np.ndarray], duration:
     return Guess(duration, at)
 
 
-def _straight(ends: tuple[np.ndarray, np.ndarray], times: np.ndarray, n_a: int) -> np.ndarray:
+def _interpolate(ends: tuple[np.ndarray, np.ndarray], times: np.ndarray, n_a: int) -> np.ndarray:
     share = TimeLaw(float(times[-1]), 3)(times, 0)
     share = share / share[-1]
     return ends[0][:n_a] + share * (ends[1] - ends[0])[:n_a]

@@ -9,12 +9,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.transcription import Transcription
 from flexgen.planning.arguments import numbers_of
-from flexgen.planning.signals import Signals, compared
+from flexgen.planning.signals import Signals, split_comparison
 from flexgen.spec.arguments import check_not_negative, is_number
 from flexgen.type_checks import checked_class, checked_types
 
@@ -218,7 +218,7 @@ class Phase:
         count = sum(map(len, self.content.rows.values())) + len(self.content.nodal)
         label = name or f"constraint {count + 1}"
         if lower is None and upper is None:
-            value, equal = compared(expression, label)
+            value, equal = split_comparison(expression, label)
             low = np.where(equal, 0.0, -np.inf)
             high = np.zeros(value.numel())
         else:
@@ -331,7 +331,7 @@ def _bounds(lower: Any, upper: Any, count: int, what: str) -> tuple[np.ndarray, 
             array = np.asarray(none if value is None else value, float)
             array = np.broadcast_to(array.ravel() if array.ndim else array, count).copy()
         except (TypeError, ValueError, OverflowError):
-            raise ArgumentError(f"{what}: given {shown(value)}, expected a number or {count} numbers") from None
+            raise ArgumentError(f"{what}: given {show_value(value)}, expected a number or {count} numbers") from None
         if np.isnan(array).any():
             raise ArgumentError(f"{what}: given NaN, expected a number or {count} numbers")
         out.append(array)
@@ -343,4 +343,4 @@ def _bounds(lower: Any, upper: Any, count: int, what: str) -> tuple[np.ndarray, 
 def check_phase(value: Any) -> None:
     """ArgumentError unless the value is a phase."""
     if not isinstance(value, Phase):
-        raise ArgumentError(f"phase: given {shown(value)}, expected a flexgen.Phase, such as problem.phases[0]")
+        raise ArgumentError(f"phase: given {show_value(value)}, expected a flexgen.Phase, such as problem.phases[0]")

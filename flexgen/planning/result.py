@@ -92,7 +92,7 @@ def samples(layout: Layout, phase: Phase, x: np.ndarray, places: np.ndarray) -> 
     return Samples(t.ravel(), y, dy, ddy, tau, theta)
 
 
-def _joined(parts: list[Samples]) -> Samples:
+def _join(parts: list[Samples]) -> Samples:
     t, y, dy, ddy, tau = (np.concatenate([getattr(p, x) for p in parts]) for x in ("t", "y", "dy", "ddy", "tau"))
     return Samples(t, y, dy, ddy, tau, parts[0].theta)
 
@@ -110,24 +110,23 @@ def make_solution(
 ) -> Solution:  # fmt: skip
     """The solution of a problem, simulated where IPOPT converged."""
     if not np.isfinite(x).all():
-        raise SolverError(
-            f"plan: IPOPT ended with {found.status!r} and numbers that are not finite; {worst(made, found, x, layout)}"
-        )
+        worst = describe_worst(made, found, x, layout)
+        raise SolverError(f"plan: IPOPT ended with {found.status!r} and numbers that are not finite; {worst}")
     equations, phases = problem.equations, layout.phases
     places = np.arange(SAMPLES) / SAMPLES
     parts = [samples(layout, phase, x, places) for phase in phases]
     last = samples(layout, phases[-1], x, np.ones(1))
     end = Samples(last.t[-1:], last.y[-1:], last.dy[-1:], last.ddy[-1:], last.tau[-1:], last.theta)
-    motion = _joined([*parts, end])
+    motion = _join([*parts, end])
     trajectory, tracked = _trajectory(problem, layout, motion)
-    between = _joined([samples(layout, phase, x, _between(phase, x[layout.theta])) for phase in phases])
+    between = _join([samples(layout, phase, x, _between(phase, x[layout.theta])) for phase in phases])
     residual = _residual(equations, between)
     command = command_in(trajectory.time, trajectory["tau_m"], trajectory.labels["tau_m"], trajectory.meta)
     total = float(motion.t[-1])
     solution = Solution(
         model=equations.model, move=replace(problem.path.move, duration=total), method="plan",
         status=Status.SOLVED if found.success else Status.TOLERANCE_NOT_MET,
-        verdict=found.status if found.success else f"{found.status}; {worst(made, found, x, layout)}",
+        verdict=found.status if found.success else f"{found.status}; {describe_worst(made, found, x, layout)}",
         trajectory=trajectory, residual_max_Nm=float(residual.max()),
         residual_relative=relative_residual(equations, trajectory, residual), iterations=found.iterations, wall_s=0.0,
         cpu_s=0.0, preactuation_s=0.0, simulation=None,
@@ -158,7 +157,7 @@ def _residual(equations: Equations, at: Samples) -> np.ndarray:
     return np.asarray(np.abs(np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, i_m]])).max(axis=0))
 
 
-def worst(made: Program, found: NlpResult, x: np.ndarray, layout: Layout) -> str:
+def describe_worst(made: Program, found: NlpResult, x: np.ndarray, layout: Layout) -> str:
     """The sentence with the largest violated constraint by name."""
     excess = np.maximum(np.maximum(made.lower - found.g, found.g - made.upper), 0.0)
     k = int(np.argmax(np.where(np.isfinite(excess), excess, np.inf)))

@@ -54,7 +54,7 @@ class Signals(Mapping[str, ca.SX]):
         n_t = 12 if model.output.type == "tool_pose" else model.output.size
         self.reference = ca.SX.sym(f"reference{name}", n_t if tracked else 0)
         self._signals: dict[str, Signal] = {}
-        for signal in self._made():
+        for signal in self._make():
             self._signals[signal.name] = signal
 
     @property
@@ -77,13 +77,13 @@ class Signals(Mapping[str, ca.SX]):
             raise ArgumentError(f"signal: given {name!r}, expected a name, one of {', '.join(self._signals)}")
         base, bracket, label = name.partition("[")
         if base not in self._signals:
-            raise ArgumentError(f"signal: given {name!r}, expected {_near(base, self._signals)}")
+            raise ArgumentError(f"signal: given {name!r}, expected {_suggest(base, self._signals)}")
         signal = self._signals[base]
         if not bracket:
             return signal, list(range(len(signal.labels)))
         label = label.rstrip("]")
         if label not in signal.labels:
-            raise ArgumentError(f"signal {base}: given entry {label!r}, expected {_near(label, signal.labels)}")
+            raise ArgumentError(f"signal {base}: given entry {label!r}, expected {_suggest(label, signal.labels)}")
         return signal, [signal.labels.index(label)]
 
     def _motors(self, part: ca.SX) -> ca.SX:
@@ -93,7 +93,7 @@ class Signals(Mapping[str, ca.SX]):
         at = {j: model.n_a + k for k, j in enumerate(model.i_m)}
         return ca.vertcat(*[part[at[j]] if j in at else geared[j] for j in range(model.n_m)])
 
-    def _made(self) -> Iterable[Signal]:
+    def _make(self) -> Iterable[Signal]:
         equations, model, n_a = self.equations, self.equations.model, self.equations.model.n_a
         names_a, units_a = tuple(c.name for c in model.coordinates), tuple(c.unit for c in model.coordinates)
         names_m = tuple(m.name for m in model.motors)
@@ -157,7 +157,7 @@ def residual_of(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.S
     return ca.vertcat(rows - acting, r_m)
 
 
-def compared(expression: ca.SX | ca.MX, what: str) -> tuple[ca.SX | ca.MX, list[bool]]:
+def split_comparison(expression: ca.SX | ca.MX, what: str) -> tuple[ca.SX | ca.MX, list[bool]]:
     """An expression that shall be <= 0, and which of its entries shall be = 0, from a comparison of expressions."""
     wrong = f"{what}: given {str(expression)[:60]!r}, expected a comparison such as problem['v_m'] <= 10, or bounds"
     if isinstance(expression, ca.MX):
@@ -176,7 +176,7 @@ def compared(expression: ca.SX | ca.MX, what: str) -> tuple[ca.SX | ca.MX, list[
     return ca.vertcat(*values), equal
 
 
-def _near(name: str, known: Iterable[str]) -> str:
+def _suggest(name: str, known: Iterable[str]) -> str:
     """The text of what was expected: the nearest name first."""
     names = list(known)
     near = difflib.get_close_matches(name, names, 1, 0.5)

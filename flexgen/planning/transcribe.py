@@ -279,11 +279,11 @@ def links(layout: Layout, periodic: bool) -> tuple[list[Block], sp.csc_matrix, l
     for number, phase in enumerate(layout.phases):
         mesh, first = phase.mesh, layout.first[number]
         between = mesh.continuity
-        matrices.append(_placed(between, first, layout.size))
+        matrices.append(_place(between, first, layout.size))
         names += ["continuity of the states"] * between.shape[0]
         if phase.torque_continuous:
             rows = _torque_steps(phase)
-            matrices.append(_placed(rows, first, layout.size))
+            matrices.append(_place(rows, first, layout.size))
             names += ["continuity of the torques"] * rows.shape[0]
     pairs = [(k, k + 1) for k in range(len(layout.phases) - 1)]
     pairs += [(len(layout.phases) - 1, 0)] if periodic else []
@@ -319,7 +319,7 @@ def links(layout: Layout, periodic: bool) -> tuple[list[Block], sp.csc_matrix, l
     return blocks, sp.vstack(matrices).tocsc(), names
 
 
-def _placed(matrix: sp.spmatrix, first: int, size: int) -> sp.csc_matrix:
+def _place(matrix: sp.spmatrix, first: int, size: int) -> sp.csc_matrix:
     found = matrix.tocoo()
     return sp.csc_matrix((found.data, (found.row, found.col + first)), shape=(found.shape[0], size))
 

@@ -14,7 +14,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.plausibility.finding import ERROR, Check, Finding
 from flexgen.plausibility.moves import moves
-from flexgen.plausibility.numbers import bodies, drives, overdamped, springs
+from flexgen.plausibility.numbers import bodies, drives, report_overdamped, springs
 from flexgen.type_checks import checked_types
 
 SLOW = 2.0 * np.pi  # 1/s: slower real poles are friction of the free joints
@@ -55,7 +55,7 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
     M = evaluate(equations.function("mass_matrix"), rest.q_a)[0].reshape(robot.n_a, robot.n_a)
     findings += [*drives(robot, M, rest), *springs(robot, M, rest)]
     if not any(finding.key == "home" for finding in findings):
-        findings.append(overdamped(poles(linearize(equations, rest)), SLOW))
+        findings.append(report_overdamped(poles(linearize(equations, rest)), SLOW))
     if motions:
         findings += moves(equations)
     title = robot.title

@@ -82,19 +82,19 @@ class Check(Result):
     @property
     def errors(self) -> tuple[Finding, ...]:
         """The findings with the mark ``"error"``, the farthest from the usual range first."""
-        return self._marked(ERROR)
+        return self._select(ERROR)
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
         """The findings with the mark ``"unusual"``, the farthest from the usual range first."""
-        return self._marked(UNUSUAL)
+        return self._select(UNUSUAL)
 
     @property
     def worst(self) -> Finding | None:
         """The first error in the file that has the key of the largest error; None without errors."""
         return next((f for f in self.findings if f.mark == ERROR and f.key == self.errors[0].key), None)
 
-    def _marked(self, mark: str) -> tuple[Finding, ...]:
+    def _select(self, mark: str) -> tuple[Finding, ...]:
         found = [finding for finding in self.findings if finding.mark == mark]
         return tuple(sorted(found, key=lambda finding: -finding.distance))
 

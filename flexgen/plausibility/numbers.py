@@ -186,7 +186,7 @@ def _length(robot: RobotModel) -> float:
     return max(sum(float(np.linalg.norm(place.position)) for place in places) + beams, 2.0 * centers)
 
 
-def overdamped(poles: np.ndarray, slow: float) -> Finding:
+def report_overdamped(poles: np.ndarray, slow: float) -> Finding:
     """The real poles that are faster than ``slow`` [1/s]: modes that do not swing, for information.
 
     Coulomb friction that is smooth at rest makes some; springs with too much damping have a finding of their own.

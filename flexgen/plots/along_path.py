@@ -71,7 +71,7 @@ def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Fig
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.5 * len(units), title)
     for ax, unit in zip(figure.subplots(len(units), 1, squeeze=False)[:, 0], units, strict=True):
         top = max(float(errors[unit].max()) for _, errors in found.values() if unit in errors)
-        factor, shown = cv.prefixed(top, unit)
+        factor, shown = cv.choose_prefix(top, unit)
         least = min(float(errors[unit].max()) for _, errors in found.values() if unit in errors)
         floor = max(1e-3 * least, 1e-15)
         for k, (name, (t, errors)) in enumerate(found.items()):

@@ -136,7 +136,7 @@ def log_axis(axis: Any, ticks: int = 6) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def prefixed(largest: float, unit: str) -> tuple[float, str]:
+def choose_prefix(largest: float, unit: str) -> tuple[float, str]:
     """Factor and prefixed unit for a value: nm below 0.1 µm, µm, mm from 1000 µm on, m; the same for rad.
 
     ``unit`` may be ``"rad or m"``; other units get no prefix.
@@ -150,7 +150,7 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
 
 def measure(value: float, unit: str) -> tuple[str, str]:
     """A value >= 0 as text with three digits, and its prefixed unit."""
-    factor, shown = prefixed(value, unit)
+    factor, shown = choose_prefix(value, unit)
     number = float(f"{factor * value:.3g}")
     if 0 < number < 1e-3:
         return "< 0.001", shown

@@ -27,7 +27,7 @@ def plot_control(run: ControlRun) -> Figure:
     time = run.reference.time
     good = [r for r in run.runs if not r.failure]
     largest = max((float(run.distance(r).max()) for r in good), default=1.0)
-    factor, unit = cv.prefixed(largest, run.unit)
+    factor, unit = cv.choose_prefix(largest, run.unit)
     for k, r in enumerate(run.runs):
         color = COLORS[k % len(COLORS)]
         if r.failure:

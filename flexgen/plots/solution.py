@@ -242,7 +242,7 @@ def deflections(
     ):
         top = float(np.abs(values).max())
         zero = top < ROUNDING
-        factor, shown_unit = cv.prefixed(1e-3 if zero else top, unit)
+        factor, shown_unit = cv.choose_prefix(1e-3 if zero else top, unit)
         for k, name in enumerate(names):
             ax.plot(t[shown], factor * values[shown, k], color=cv.COLORS[k % 7], ls=cv.DASHES[k // 7 % 3], label=name)
         ax.axhline(0.0, color=cv.GREY, lw=0.6, zorder=1)
@@ -257,7 +257,7 @@ def deflections(
 def _error_axis(ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: list[str], label: str) -> None:
     """Absolute values on a logarithmic axis; the largest value as a title."""
     top = float(np.abs(values).max())
-    factor, shown = cv.prefixed(top, unit)
+    factor, shown = cv.choose_prefix(top, unit)
     size = factor * np.abs(values)
     floor = factor * max(1e-4 * top, 1e-15)
     for k, name in enumerate(names):

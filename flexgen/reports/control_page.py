@@ -95,12 +95,12 @@ def _margins(run: ControlRun) -> str:
     if not found:
         return "<p>The controller is not linear: no margins.</p>\n"
 
-    def finite(x: float) -> str:
+    def show(x: float) -> str:
         return number(x) if np.isfinite(x) else "none found"
 
     rows = []
     for name, m in found.items():
-        margins = finite(m.gain), finite(1e3 * m.delay_s)
+        margins = show(m.gain), show(1e3 * m.delay_s)
         rows.append((name, "yes" if m.stable else "no", number(m.largest_eigenvalue, 5), *margins))
     columns = ("pose", "stable", "largest eigenvalue", "gain margin, factor", "delay margin, ms")
     return "<h2>Margins of the linear loop</h2>\n" + html_table(columns, rows, range(2, 5))

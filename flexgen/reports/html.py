@@ -235,7 +235,7 @@ def _robustness(rows: list[dict[str, Any]]) -> str:
     return "".join(out)
 
 
-def _generated(generated: Any) -> str:
+def _library_table(generated: Any) -> str:
     """Table of the C library; empty if there is none."""
     if generated is None:
         return ""
@@ -312,7 +312,7 @@ def write_report(
         "<h2>Motors</h2>\n",
         _motors(model, solution, limits or Limits()),
         "<h2>Dynamics at the start of the move</h2>\n" + dynamics_tables(analysis) if analysis is not None else "",
-        _generated(generated),
+        _library_table(generated),
         f'<h2>Source of the model</h2>\n<p class="source">{html.escape(model.source.strip())}</p>\n'
         if model.source
         else "",

@@ -117,9 +117,9 @@ def motion_data(
         "end": end,
         "factors": factors,
         "factor": factor,
-        "poses": [_rounded(pose.transpose(0, 2, 1), digits) for pose in poses],
-        "tool": _rounded(at(drawn.tool), digits),
-        "reference": None if drawn.reference is None else _rounded(at(drawn.reference), digits),
+        "poses": [_round(pose.transpose(0, 2, 1), digits) for pose in poses],
+        "tool": _round(at(drawn.tool), digits),
+        "reference": None if drawn.reference is None else _round(at(drawn.reference), digits),
         "joints": [[point, kind] for point, kind in joints],
         "beams": beams,
         "views": [list(view) for view in drawn.views],
@@ -128,6 +128,6 @@ def motion_data(
     }
 
 
-def _rounded(values: np.ndarray, digits: int) -> list[list[float]]:
+def _round(values: np.ndarray, digits: int) -> list[list[float]]:
     """Each sample as one list of rounded numbers."""
     return [[float(x) for x in row] for row in np.round(values.reshape(len(values), -1), digits) + 0.0]

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from flexgen.atomic_files import atomic_file, followed, staging_folder
+from flexgen.atomic_files import atomic_file, follow_links, staging_folder
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.plots.canvas import GREEN, INK, ORANGE, RED, apply_style
 from flexgen.plots.stick_figure import joint_style
@@ -109,7 +109,7 @@ def _write_gif(pictures: Iterator[np.ndarray], path: Path) -> None:
 
 
 def _write_mp4(pictures: Iterator[np.ndarray], path: Path) -> None:
-    followed(path.parent).mkdir(parents=True, exist_ok=True)
+    follow_links(path.parent).mkdir(parents=True, exist_ok=True)
     with staging_folder(path.parent) as folder:
         size = f"{round(WIDTH * DPI)}x{round(HEIGHT * DPI)}"
         command = ["ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.counts import shown
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
@@ -409,7 +409,7 @@ def number_of(function: str, name: str, x: Any) -> float:
     try:
         return float(x)
     except OverflowError:
-        raise ArgumentError(f"{function}, {name}: given {shown(x)}, expected a number") from None
+        raise ArgumentError(f"{function}, {name}: given {show_value(x)}, expected a number") from None
 
 
 def pointer(x: np.ndarray) -> ctypes.c_void_p:

@@ -40,8 +40,8 @@ from flexgen.torque_curve import (
     SAMPLES,
     constant,
     interval_polynomials,
+    read_degree,
     spline,
-    stated_degree,
     then_constant,
     torque_curve,
 )
@@ -210,7 +210,7 @@ def command_in(
     ArgumentError
         Hold, sample time or delay are out of range, or the instants are not one sample time apart.
     """
-    degree = stated_degree(meta)
+    degree = read_degree(meta)
     if degree is not None:
         curve = interval_polynomials(time, values, degree)
         ends, own = time[::SAMPLES], {key: meta[key] for key in ("model", "variant", "move") if key in meta}

@@ -58,7 +58,7 @@ AUTO, NONE, PPI = "auto", "none", "ppi"
 FEEDBACKS = (AUTO, NONE, PPI)
 
 
-def _checked(
+def _read_channels(
     model: RobotModel, data: Trajectory, moving: bool = False
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The channels that a simulation needs, with columns in the order of the model, and warnings."""
@@ -162,7 +162,7 @@ def simulate(
     equations = model if isinstance(model, Equations) else derive(model)
     _check_choices(trajectory, rtol, held, feedback)
     data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
-    given, warnings = _checked(equations.model, data, moving)
+    given, warnings = _read_channels(equations.model, data, moving)
     task = _task(equations, data, given, start, moving, float(data.meta.get(HELD_KEY, 0.0)) if held is None else held)
     task = replace(task, command=_command(equations.model, data, given["tau_m"], command))
     tell = progress if callable(progress) else None
@@ -277,12 +277,12 @@ def _command(
 ) -> TorqueCommand | None:
     """Torques that a controller sends: as given, or as the trajectory states; None: the samples."""
     sent = command or command_in(data.time, tau_m, tuple(motor.name for motor in robot.motors), data.meta)
-    return None if sent is None else _checked_command(robot, sent)
+    return None if sent is None else _check_command(robot, sent)
 
 
 def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
     """The motor torques, with feedback also the motors' reference angles and speeds, at an instant."""
-    torque = _held_curve(task.data, task.given["tau_m"]) if task.command is None else task.command.between
+    torque = _hold_curve(task.data, task.given["tau_m"]) if task.command is None else task.command.between
     if feedback is None:
         return torque
     q_m = task.given["q_m"]
@@ -293,7 +293,7 @@ def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
     return lambda begin, finish: side_by_side([torque(begin, finish), angles, speeds], begin, finish)
 
 
-def _checked_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:
+def _check_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:
     """The command; ArgumentError where it has other motors or does not fit together."""
     names = tuple(motor.name for motor in robot.motors)
     n = len(command.time)
@@ -322,7 +322,7 @@ def _with_edges(
     return instants, own, sorted({*(int(own[k]) for k in corners), *(int(k) for k in np.searchsorted(instants, edges))})
 
 
-def _held_curve(data: Trajectory, torque: np.ndarray) -> Input:
+def _hold_curve(data: Trajectory, torque: np.ndarray) -> Input:
     """The motor torque at an instant, its last value after the end."""
     samples = torque[: len(data.time)]
     curve = torque_curve(data.time, samples, limited=data.meta.get("torque") == "limited")

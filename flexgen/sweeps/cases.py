@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.codegen.digest import model_digest
-from flexgen.counts import CASES, RANDOM_MOVES, count_of, shown
+from flexgen.counts import CASES, RANDOM_MOVES, count_of, show_value
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.elements import Move, RobotModel
@@ -185,11 +185,11 @@ class Grid:
     def describe(self) -> dict[str, Any]:
         """The grid as JSON types; models with a digest of their data."""
         return {
-            "models": [{"model": _shown(model), "digest": _content(model)} for model in self.models],
-            "parameters": [_plain(changes) for changes in self.parameters],
-            "moves": [_plain(move) for move in self.moves],
+            "models": [{"model": _describe(model), "digest": _content(model)} for model in self.models],
+            "parameters": [_to_json(changes) for changes in self.parameters],
+            "moves": [_to_json(move) for move in self.moves],
             "methods": list(self.methods),
-            "options": _plain(self.options),
+            "options": _to_json(self.options),
         }
 
     @cached_property
@@ -204,14 +204,14 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], .
     """All combinations of the listed values as parameter sets, the last key fastest."""
     for key, listed in mapping_of("values", values, "a mapping of names to lists of values").items():
         if isinstance(listed, str) or not isinstance(listed, Sequence) or not listed:
-            raise ArgumentError(f"parameters {key}: given {shown(listed)}, expected a list of values")
+            raise ArgumentError(f"parameters {key}: given {show_value(listed)}, expected a list of values")
     sets = math.prod(map(len, values.values()))
     if sets > CASES:
         raise ArgumentError(f"parameters: given {sets} combinations, expected at most {CASES}")
     return tuple(dict(zip(values, chosen, strict=True)) for chosen in product(*values.values()))
 
 
-def _shown(model: ModelChoice) -> str:
+def _describe(model: ModelChoice) -> str:
     return model.name if isinstance(model, RobotModel) else str(model)
 
 
@@ -231,17 +231,17 @@ def _samples(move: Move) -> str:
         return f"unreadable: {error.strerror}"
 
 
-def _plain(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     """JSON types; data classes with their names."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        parts = {part.name: _plain(getattr(value, part.name)) for part in dataclasses.fields(value) if part.compare}
+        parts = {part.name: _to_json(getattr(value, part.name)) for part in dataclasses.fields(value) if part.compare}
         if isinstance(value, Move) and value.file:
             parts["samples"] = _samples(value)
         return {type(value).__name__: parts}
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _to_json(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return _to_json(value.tolist())
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_to_json(item) for item in value]
     return value if value is None or isinstance(value, bool | int | float | str) else repr(value)

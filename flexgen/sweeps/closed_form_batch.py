@@ -113,7 +113,7 @@ class JointMoves:
         self.t, _ = instants(law.duration, step, gear_settling(equations))
         self.n = len(self.t)
         self._width = min(max(1, BATCH // self.n), WIDTH)
-        self._inverse_dynamics = inverse_dynamics or _interpreted(equations)
+        self._inverse_dynamics = inverse_dynamics or _interpret(equations)
         rows = gears(model)
         self._elastic = [k for k, (gear, _) in enumerate(rows) if not gear.rigid]
         stiffness = [ratio**2 * gear.spring.stiffness for gear, ratio in rows if isinstance(gear.spring, LinearSpring)]
@@ -216,8 +216,8 @@ class JointMoves:
             v[elastic] += rates
             a[elastic] += second_rates
         eta, back = model.eta, np.linalg.inv(model.eta).T
-        speed, torque = _combined(eta, v), _combined(back, tau)
-        acceleration = _combined(eta, a)
+        speed, torque = _multiply(eta, v), _multiply(back, tau)
+        acceleration = _multiply(eta, a)
         for j, motor in enumerate(model.motors):
             acceleration[j] *= motor.inertia
             if motor.friction != Friction():
@@ -294,7 +294,7 @@ def _taylor(s: np.ndarray, offset: float) -> tuple[np.ndarray, ...]:
     )
 
 
-def _combined(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _multiply(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
     """``matrix @ x`` along the first axis, term by term, with the same bits for any shape."""
     out = np.zeros((len(matrix), *x.shape[1:]))
     for row, weights in zip(out, matrix, strict=True):
@@ -313,7 +313,7 @@ def _integral(x: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.asarray((x.sum(axis=1) - (x[:, 0] + x[:, -1]) / 2) * t[1])
 
 
-def _interpreted(equations: Equations) -> InverseDynamics:
+def _interpret(equations: Equations) -> InverseDynamics:
     function = equations.function("inverse_dynamics")
 
     def call(q: np.ndarray, v: np.ndarray, a: np.ndarray, out: np.ndarray) -> None:

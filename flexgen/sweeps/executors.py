@@ -74,7 +74,7 @@ class _Pool:
 
     def __enter__(self) -> _Pool:
         try:
-            self._pool.submit(_started).result()
+            self._pool.submit(_start).result()
         except BrokenProcessPool:
             raise SolverError(
                 "sweep: given worker processes that end at start, expected a script that they can import; "
@@ -98,7 +98,7 @@ def _leave_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _started() -> None:
+def _start() -> None:
     """First task of a worker: its process has started."""
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flexgen.atomic_files import followed, unwritable, write_text
+from flexgen.atomic_files import follow_links, unwritable, write_text
 from flexgen.errors import ArgumentError
 from flexgen.spec.arguments import is_whole
 from flexgen.sweeps.cases import Grid
@@ -57,12 +57,12 @@ class Folder:
 
     def __init__(self, path: str | Path, grid: Grid, code: str, shard_size: int | None, resume: bool, log: Log) -> None:
         self.path, self._log = Path(path), log
-        followed(self.path)
+        follow_links(self.path)
         self._cases = len(grid)
         self._about = {"format": FORMAT, "grid": grid.digest, "code": code, "cases": self._cases}
         head = self.path / "sweep.json"
         if head.exists():
-            self.shard_size = self._continued(head, shard_size, resume)
+            self.shard_size = self._continue(head, shard_size, resume)
             return
         if self.path.exists() and not self.path.is_dir():
             raise ArgumentError(f"sweep: given {str(self.path)!r}, which is a file, expected a folder")
@@ -79,7 +79,7 @@ class Folder:
         about = self._about | {"shard_size": self.shard_size, "description": grid.describe()}
         write_text(head, json.dumps(about, indent=1) + "\n")
 
-    def _continued(self, head: Path, shard_size: int | None, resume: bool) -> int:
+    def _continue(self, head: Path, shard_size: int | None, resume: bool) -> int:
         """The shard size of the sweep in the folder; ArgumentError where it cannot be continued."""
         where = f"sweep: given the folder {str(self.path)!r}"
         if not resume:

@@ -115,7 +115,7 @@ def sweep(
                 memory[shard.number] = rows
             else:
                 folder.keep(shard.number, rows)
-            report.finished(rows)
+            report.add(rows)
     found = SweepResult(
         table_of(RESULTS, (row for k in range(count) for row in _rows(folder, memory, k).results)),
         table_of(TIMES, (row for k in range(count) for row in _rows(folder, memory, k).times)),
@@ -210,7 +210,7 @@ class _Progress:
         if missing < cases:
             log(f"{cases - missing} of {cases} cases are finished already")
 
-    def finished(self, rows: Rows) -> None:
+    def add(self, rows: Rows) -> None:
         """Report one more finished shard."""
         self._done += len(rows.results)
         self._failed += sum(row["status"] == "failed" for row in rows.results)

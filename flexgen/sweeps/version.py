@@ -31,7 +31,7 @@ def code_version(native: bool = False) -> str:
     for path in sorted(path for path in root.rglob("*") if path.suffix in SOURCES):
         digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     for package in NUMERICAL:
-        digest.update(f"{package} {_installed(package)}\n".encode())
+        digest.update(f"{package} {_find_version(package)}\n".encode())
     digest.update(f"compiler {_compiler(native)}\n".encode())
     return f"{flexgen.version.__version__}+{digest.hexdigest()[:16]}"
 
@@ -42,7 +42,7 @@ def wants_native(options: Mapping[str, Any]) -> bool:
     return isinstance(of_method, Mapping) and bool(of_method.get("native", False))
 
 
-def _installed(package: str) -> str:
+def _find_version(package: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:

@@ -18,7 +18,7 @@ from unchecked import unchecked
 import flexgen
 from flexgen.equations_text.equations import SymbolicEquations, symbolic
 from flexgen.equations_text.printing import escape_latex
-from flexgen.equations_text.trigonometric import TrigonometricRing, chained
+from flexgen.equations_text.trigonometric import TrigonometricRing, accumulate_angles
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import (
@@ -291,7 +291,7 @@ def test_symbolic_equations_of_planar5_mp_are_short_and_take_at_most_10_seconds(
 
 def test_squares_of_absolute_angles_are_found():
     m, length, x, q1, q2 = (sp.Symbol(name, real=True) for name in ("m", "l", "x", "q1", "q2"))
-    ring = TrigonometricRing([m, length, x], [q1, q2], heavy=[m], absolute=chained([0, 1]))
+    ring = TrigonometricRing([m, length, x], [q1, q2], heavy=[m], absolute=accumulate_angles([0, 1]))
     cos_sum = ring.cos(q1) * ring.cos(q2) - ring.sin(q1) * ring.sin(q2)
     radius = ring.element(length) * ring.cos(q1) + ring.element(x) * cos_sum
     found = ring.expression(ring.reduce(ring.element(m) * radius**2))

@@ -226,7 +226,7 @@ def test_stiff_springs_make_feedback_linearisation_the_computed_torque():
         T = equations.function("inverse_dynamics")(q, v, a).full().ravel()
         K = evaluate(equations.function("gear_law"), np.zeros((1, 3)))[1].ravel()
         x = np.array([q, v, model.eta @ (q + T / K), model.eta @ v])
-        differences.append(np.abs(linearising._linearised(x, linearising.table[k]) - rigid._computed_torque(
+        differences.append(np.abs(linearising._linearize(x, linearising.table[k]) - rigid._computed_torque(
             np.array([q, v, model.eta @ q, model.eta @ v]), rigid.table[k])).max())  # fmt: skip
     assert differences[0] > 1e-3
     assert differences[1] < 2e-4 * differences[0]

@@ -19,7 +19,7 @@ from flexgen.atomic_files import (
     FILE,
     FOLDER,
     atomic_file,
-    followed,
+    follow_links,
     remove_leftovers,
     staging_folder,
     unwritable,
@@ -97,10 +97,10 @@ def test_the_rule_for_links_holds_for_users_other_than_root(tmp_path, monkeypatc
             Path, "lstat", lambda self, owner=owner: os.stat_result((*real(self)[:4], owner, *real(self)[5:]))
         )
         if allowed:
-            assert followed(shared / "link") == tmp_path / "a.txt"
+            assert follow_links(shared / "link") == tmp_path / "a.txt"
         else:
             with pytest.raises(ArgumentError, match="symbolic link of the user 4322"):
-                followed(shared / "link")
+                follow_links(shared / "link")
 
 
 def test_followed_is_the_real_path_and_ends_for_circles(tmp_path):
@@ -108,7 +108,7 @@ def test_followed_is_the_real_path_and_ends_for_circles(tmp_path):
     (tmp_path / "up").symlink_to("a/b/..")
     (tmp_path / "abs").symlink_to(tmp_path / "up" / "b")
     for path in ("up/x", "abs/../../up/b/x", "missing/../y", "./abs", "abs/x/y/z"):
-        assert str(followed(tmp_path / path)) == os.path.realpath(tmp_path / path)
+        assert str(follow_links(tmp_path / path)) == os.path.realpath(tmp_path / path)
     (tmp_path / "one").symlink_to("two")
     (tmp_path / "two").symlink_to("one")
     with pytest.raises(ArgumentError, match="links lead in a circle"):

@@ -13,7 +13,7 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.atomic_files import followed, write_text
+from flexgen.atomic_files import follow_links, write_text
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ChannelError, ModelError, SolverError, message_of
 
@@ -61,7 +61,7 @@ def test_a_path_of_2000_parts_is_refused_with_a_message(verb, tmp_path, monkeypa
     assert main([*verb, "--out", "a/" * 2000 + "x"]) == 1
     told = capfd.readouterr().err
     assert "given a path of 2001 parts, expected at most 256" in told and list(tmp_path.iterdir()) == []
-    assert followed(tmp_path / ("a/" * 200)).name == "a"
+    assert follow_links(tmp_path / ("a/" * 200)).name == "a"
 
 
 def test_a_wrong_backend_of_matplotlib_is_named():

@@ -21,7 +21,7 @@ from flexgen.sweeps.cases import Grid
 from flexgen.sweeps.jobs import Rows, Shard
 from flexgen.sweeps.sweep import sweep
 from flexgen.sweeps.table import Table
-from flexgen.sweeps.version import _installed, code_version, wants_native
+from flexgen.sweeps.version import _find_version, code_version, wants_native
 from flexgen.sweeps.worker import WrongCode, run_shard
 
 
@@ -219,7 +219,7 @@ def test_the_code_is_sources_packages_and_compiler(tmp_path, monkeypatch) -> Non
         (package / name).write_text("2", encoding="utf-8")
         found.append(code_version.__wrapped__())
     with monkeypatch.context() as patch:
-        patch.setattr(versions, "_installed", lambda package: "0" if package == "scipy" else _installed(package))
+        patch.setattr(versions, "_find_version", lambda package: "0" if package == "scipy" else _find_version(package))
         found.append(code_version.__wrapped__())
 
     def unusable(**_: object) -> None:

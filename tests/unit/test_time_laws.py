@@ -35,5 +35,5 @@ def test_speeds_are_differences_where_the_state_is_not_measured_exactly(exact):
     assert motion.timing().differences is not exact
     x = np.arange(12.0).reshape(3, 2, 2) ** 2
     differences = np.diff(x[:, 0], axis=0) / 1e-3
-    kept = motion.differenced(x)
+    kept = motion.difference(x)
     assert np.array_equal(kept, x) if exact else np.array_equal(kept[1:, 1], differences)

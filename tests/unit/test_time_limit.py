@@ -15,7 +15,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen import deadline
 from flexgen.cli.main import main
-from flexgen.deadline import OutOfTime, check_time, paused, running, time_left
+from flexgen.deadline import OutOfTime, check_time, pause, running, time_left
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import INTERRUPTED
 
@@ -104,7 +104,7 @@ def test_a_time_limit_within_another_one(clock: Clock) -> None:
         with running(1000.0):
             assert time_left() < 100.0
         left = time_left()
-        with paused():
+        with pause():
             clock.now += 1000.0
         assert time_left() == pytest.approx(left, abs=10.0)
     clock.now += 1e6

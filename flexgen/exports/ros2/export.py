@@ -16,7 +16,7 @@ from flexgen.exports.exported import Exported
 from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
-from flexgen.loop.gains import proposed_gains
+from flexgen.loop.gains import propose_gains
 from flexgen.numerics.evaluate import evaluate
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
@@ -94,7 +94,7 @@ def export_ros2(
     if not _EMAIL.match(email):
         raise ArgumentError(f"email: given {email!r}, expected an address such as name@example.com")
     if gains == "proposed":
-        gains = proposed_gains(library.equations) if controller else None
+        gains = propose_gains(library.equations) if controller else None
     gains = gains or None
     if gains is not None and not controller:
         raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.atomic_files import atomic_file, followed, write_text
+from flexgen.atomic_files import atomic_file, follow_links, write_text
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.model.elements import RobotModel
 
@@ -30,7 +30,7 @@ class RecordingWriter:
     def __init__(self, folder: Path, plan: Plan, model: RobotModel) -> None:
         self.folder, self.plan, self.model = folder, plan, model
         self.files: list[tuple[int, str]] = []
-        followed(folder).mkdir(parents=True, exist_ok=True)
+        follow_links(folder).mkdir(parents=True, exist_ok=True)
 
     def __call__(
         self, pose: int, realization: int, experiment: int, q_m: np.ndarray, tau_m: np.ndarray, signals: np.ndarray
