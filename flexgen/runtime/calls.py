@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import ctypes
 from collections import namedtuple
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import (
     PARAMETERS,
     address,
@@ -28,7 +28,7 @@ from flexgen.runtime.arguments import (
     results,
     stored,
 )
-from flexgen.runtime.files import AGAIN
+from flexgen.runtime.structs import Failures, closed_error, failure_of
 from flexgen.spec.ports import Port
 from flexgen.type_checks import checked_types
 
@@ -66,7 +66,7 @@ class _Closed:
         self.library = library
 
     def pop(self) -> _Buffers:
-        raise ArgumentError(f"{self.library}: given a library that was closed, expected an open one; load it again")
+        raise closed_error(self.library)
 
     def append(self, buffers: _Buffers) -> None:
         """The call that used them began before the library was closed."""
@@ -108,7 +108,7 @@ class Function:
         outputs: tuple[Port, ...],
         entries: Entries,
         real: np.dtype,
-        failures: Mapping[int, tuple[type[FlexgenError], str]],
+        failures: Failures,
         parameters: np.ndarray | None,
         again: tuple[Callable[..., Any], tuple[Any, ...]],
         shared: str = PARAMETERS,
@@ -239,7 +239,7 @@ class Function:
 
     def _fail(self, status: int, args: Any, point: int | None = None) -> None:
         """Raise what the status means."""
-        exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+        exception, text = failure_of(self._failures, status)
         if issubclass(exception, ArgumentError):
             refuse_not_finite(self.name, self.inputs, args, self._real)
         where = "" if point is None else f", point {point}"

@@ -25,6 +25,7 @@ from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
 from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
+from flexgen.runtime.structs import Failures, closed_error
 from flexgen.spec.ports import Port, c_name_problem
 from flexgen.type_checks import checked_methods, checked_types
 
@@ -261,7 +262,7 @@ class Library:
 
     def __reduce__(self) -> Any:
         if self._closed:
-            raise ArgumentError(f"{self.name}: given a library that was closed, expected an open one; load it again")
+            raise closed_error(self.name)
         return library_again, self._again
 
     def __getattr__(self, name: str) -> Function:
@@ -406,7 +407,7 @@ def _function(
     library: ctypes.CDLL,
     manifest: dict[str, Any],
     described: dict[str, Any],
-    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    failures: Failures,
     parameters: np.ndarray,
     again: tuple[str, str, str],
 ) -> Function:

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from flexgen.counts import show_value
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import address
-from flexgen.runtime.files import AGAIN
 from flexgen.runtime.identity import TOLERANCES
-from flexgen.runtime.structs import Interface, filled, interface_of
+from flexgen.runtime.structs import Failures, Interface, closed_error, failure_of, filled, interface_of
 
 TOLERANCE = TOLERANCES["double"]
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
@@ -113,7 +112,7 @@ class Inverter:
         interface: Interface,
         entry: Callable[..., int],
         work: Callable[..., int],
-        failures: Mapping[int, tuple[type[FlexgenError], str]],
+        failures: Failures,
         again: tuple[Callable[..., Any], tuple[Any, ...]],
         function: str,
         parameters: np.ndarray,
@@ -147,7 +146,7 @@ class Inverter:
 
     def _refuse_closed(self) -> None:
         if self._closed:
-            raise ArgumentError(f"{self._name}: given a library that was closed, expected an open one; load it again")
+            raise closed_error(self._name)
 
     def __call__(
         self,
@@ -284,7 +283,7 @@ class Inverter:
     def _check_status(self, status: int, reported: dict[str, Any]) -> None:
         """The exception of a negative status."""
         if status < 0:
-            exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+            exception, text = failure_of(self._failures, status)
             residual, iterations = reported["residual"], reported["iterations"]
             reached = "" if np.isnan(residual) else f" (residual {residual:.3g} after {iterations} iterations)"
             raise exception(f"{self._function}: {text}{reached}")
@@ -326,7 +325,7 @@ class Inverter:
 def inverter_of(
     manifest: Mapping[str, Any],
     found: Callable[[str], Any],
-    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    failures: Failures,
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     function: str,
     parameters: np.ndarray,

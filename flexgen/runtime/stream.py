@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
-from flexgen.runtime.files import AGAIN
+from flexgen.errors import ArgumentError
 from flexgen.runtime.path_inversion import (
     array_of,
     hold_of,
@@ -23,7 +22,7 @@ from flexgen.runtime.path_inversion import (
     tolerance_of,
     whole_of,
 )
-from flexgen.runtime.structs import REAL, Interface, filled, interface_of
+from flexgen.runtime.structs import REAL, Failures, Interface, closed_error, failure_of, filled, interface_of
 from flexgen.type_checks import checked_types
 
 # In words, of a tolerance that is not met; by members of the enum of C.
@@ -49,7 +48,7 @@ class StreamEntries:
     limits: Callable[..., int]
     change: Callable[..., int] | None
     model_parameters: np.ndarray
-    failures: Mapping[int, tuple[type[FlexgenError], str]]
+    failures: Failures
     again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
     closed: threading.Event = field(default_factory=threading.Event)
 
@@ -66,7 +65,7 @@ class StreamEntries:
     def refuse_closed(self) -> None:
         """ArgumentError where the library is closed."""
         if self.closed.is_set():
-            raise ArgumentError(f"{self.name}: given a library that was closed, expected an open one; load it again")
+            raise closed_error(self.name)
 
 
 @dataclass(frozen=True)
@@ -363,14 +362,14 @@ class Stream:
     def _refuse(self, status: int) -> None:
         """Raise what a negative status means."""
         if status < 0:
-            exception, text = self._entries.failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+            exception, text = failure_of(self._entries.failures, status)
             raise exception(f"stream: {text}")
 
 
 def streams_of(
     manifest: Mapping[str, Any],
     found: Callable[[str], Any],
-    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    failures: Failures,
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     parameters: np.ndarray,
 ) -> StreamEntries | None:

@@ -321,6 +321,16 @@ class Table:
         return out
 
 
+def part_of(entry: Entry, word: str) -> tuple[str | int | None, list[str]]:
+    """Key or index of the part of a table or list that has a name, None where it has none; and all names."""
+    names: list[str | None] = []
+    if isinstance(entry.value, dict):
+        return (word if word in entry.value else None), list(entry.value)
+    if isinstance(entry.value, list):
+        names = [entry_name(item) for item in entry.value]
+    return (names.index(word) if word in names else None), [name for name in names if name]
+
+
 class FileTable(Table):
     """A table of a file that is not of a model: numbers have any magnitude, files may be larger."""
 
