@@ -20,13 +20,13 @@ from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import (
     PARAMETERS,
     address,
-    bound,
+    bind,
     count_of_points,
     numbers,
     refuse_not_finite,
     refuse_overlap,
     results,
-    stored,
+    store,
 )
 from flexgen.runtime.structs import Failures, closed_error, failure_of
 from flexgen.spec.ports import Port
@@ -159,7 +159,7 @@ class Function:
             if not named and len(args) == self._required:
                 args = (*args, self._parameters)
             else:
-                args = tuple(bound(self.name, self.inputs, args, named, self._parameters))
+                args = tuple(bind(self.name, self.inputs, args, named, self._parameters))
         pool, real = self._pool, self._real
         try:
             buffers = pool.pop()
@@ -175,7 +175,7 @@ class Function:
             pool.append(buffers)
             self._fail(status, args)
         if out is not None:
-            result = self._copied(buffers, out)
+            result = self._copy(buffers, out)
         elif self._results is None:
             result = buffers.outputs[0].copy()
         else:
@@ -195,7 +195,7 @@ class Function:
         except IndexError:
             return _Buffers(self.inputs, self.outputs, self._entries.work, self._real)
 
-    def _copied(self, buffers: _Buffers, out: Any) -> Any:
+    def _copy(self, buffers: _Buffers, out: Any) -> Any:
         """Copy the results of one point to where the caller wants them."""
         usual = self._results is None and type(out) is _ARRAY and out.shape == self.outputs[0].shape
         if usual and out.dtype is self._real and out.flags.writeable:
@@ -217,7 +217,7 @@ class Function:
             with np.errstate(over="ignore"):
                 return self(*(x.astype(self._real) for x in arrays), out=out)
         memories = [
-            stored(port, x, count, self._real, self._shared) for port, x in zip(self.inputs, arrays, strict=True)
+            store(port, x, count, self._real, self._shared) for port, x in zip(self.inputs, arrays, strict=True)
         ]
         made = results(self.name, self.outputs, out, count, self._real)
         buffers = self._buffers()
@@ -251,10 +251,10 @@ def _results_type(name: str, fields: tuple[str, ...]) -> Any:
     """Class of the results of a function with several: a named tuple that can be pickled."""
     plain = namedtuple(name, fields)  # type: ignore[misc]
 
-    def reduced(self: Any) -> Any:
+    def reduce(self: Any) -> Any:
         return _results_again, (name, fields, tuple(self))
 
-    return type(name, (plain,), {"__slots__": (), "__reduce__": reduced, "__module__": __name__})
+    return type(name, (plain,), {"__slots__": (), "__reduce__": reduce, "__module__": __name__})
 
 
 def _results_again(name: str, fields: tuple[str, ...], values: tuple[Any, ...]) -> Any:

@@ -83,6 +83,6 @@ def _structure(precision: str, name: str, fields: tuple[tuple[str, str], ...]) -
     return type(name, (ctypes.Structure,), {"_fields_": members})
 
 
-def filled(structure: type[ctypes.Structure], **members: Any) -> ctypes.Structure:
+def struct_of(structure: type[ctypes.Structure], **members: Any) -> ctypes.Structure:
     """A structure with these members; arrays become pointers, so the caller must keep them."""
     return structure(**{key: address(x) if isinstance(x, np.ndarray) else x for key, x in members.items()})

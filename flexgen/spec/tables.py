@@ -78,7 +78,7 @@ class Where:
     key: str
     lines: tuple[tuple[str, int], ...] = ()
 
-    def found(self, key: str) -> tuple[str, int]:
+    def find(self, key: str) -> tuple[str, int]:
         """Dotted path and line of a key, with its unit suffix; those of the table if the key is missing."""
         lines = dict(self.lines)
         for name in (key, f"{key}_rad", f"{key}_deg"):

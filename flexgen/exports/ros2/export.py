@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexgen.codegen.c_text import quoted
+from flexgen.codegen.c_text import quote
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emitted
 from flexgen.exports.exported import Exported
@@ -164,7 +164,7 @@ def _words(library: Emitted, package: str, controller: bool, gains: Cascade | No
     torques = evaluate(equations.function("inverse_dynamics"), home, zero, zero)[0][0]
     words = {
         "ACTUATED": ", ".join(str(i) for i in model.i_g),
-        "MOTORS": ", ".join(quoted(motor.name) for motor in model.motors),
+        "MOTORS": ", ".join(quote(motor.name) for motor in model.motors),
         "HOME_TORQUES": numbers(torques),
         "STREAM": "",
         "DEPENDS": "",
