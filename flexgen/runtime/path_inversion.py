@@ -17,7 +17,7 @@ from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import address
 from flexgen.runtime.identity import TOLERANCES
-from flexgen.runtime.structs import Failures, Interface, closed_error, failure_of, struct_of, interface_of
+from flexgen.runtime.structs import Failures, Interface, closed_error, failure_of, interface_of, struct_of
 
 TOLERANCE = TOLERANCES["double"]
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")

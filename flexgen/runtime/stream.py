@@ -22,7 +22,7 @@ from flexgen.runtime.path_inversion import (
     tolerance_of,
     whole_of,
 )
-from flexgen.runtime.structs import REAL, Failures, Interface, closed_error, failure_of, struct_of, interface_of
+from flexgen.runtime.structs import REAL, Failures, Interface, closed_error, failure_of, interface_of, struct_of
 from flexgen.type_checks import checked_types
 
 # In words, of a tolerance that is not met; by members of the enum of C.
