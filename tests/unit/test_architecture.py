@@ -108,6 +108,39 @@ LARGE = {
     "cli": 4090,
 }
 
+MOST = 8
+# Functions and methods of flexgen with more parameters (without self) than `MOST`; each number may only fall, and new
+# functions take a record of options. Those of verbs are the options of the command line, see test_former_names.py.
+PARAMETERS = {
+    "benchmarks/tune.py tune": 9,
+    "exports/fmu/export.py export_fmu": 11,
+    "exports/ros2/export.py export_ros2": 9,
+    "identification/experiments/plan.py excite": 17,
+    "identification/graybox.py identify": 16,
+    "identification/motion_fit.py fit_motion": 10,
+    "inversion/solve.py solve": 17,
+    "lab/initial_value.py result_of_states": 9,
+    "library/generate.py generate": 14,
+    "loop/closed_loop.py __init__": 15,
+    "loop/control.py control": 14,
+    "loop/control.py control_case": 13,
+    "numerics/nlp.py solve_nlp": 14,
+    "observers/constant_gain.py __init__": 9,
+    "observers/extended_kalman.py __init__": 9,
+    "performance/learn.py _iterate": 9,
+    "performance/learn.py learn": 14,
+    "planning/blocks.py _hessian": 9,
+    "planning/problem.py solve": 9,
+    "planning/result.py make_solution": 9,
+    "runtime/calls.py __init__": 11,
+    "runtime/library.py stream": 11,
+    "runtime/limited_inversion.py __call__": 17,
+    "runtime/path_inversion.py __call__": 13,
+    "runtime/path_inversion.py __init__": 9,
+    "runtime/stream.py __init__": 13,
+    "simulation/run.py run": 9,
+    "simulation/simulate.py simulate": 9,
+}
 
 MODULES_OF_SOLVE, MODULES_OF_VERSION = 90, 8  # loaded by `flexgen.solve`, before a call, and by `flexgen --version`
 
@@ -138,7 +171,7 @@ class Source:
     imports : list of tuple
         As written: module, name (empty for ``import module``), line, and whether it is late.
     functions : list of tuple
-        Name, first line, number of lines.
+        Name, first line, number of lines, number of parameters without self.
     texts : list of tuple
         Texts that may name a module, of f-strings the part before the first brace, and their lines.
     unnamed : list of int
@@ -146,7 +179,7 @@ class Source:
     """
 
     imports: list[tuple[str, str, int, bool]]
-    functions: list[tuple[str, int, int]]
+    functions: list[tuple[str, int, int, int]]
     texts: list[tuple[str, int]]
     unnamed: list[int]
 
@@ -155,7 +188,7 @@ class Source:
 def source(text: str) -> Source:
     """One pass through the syntax tree of a source, which is made once for all tests."""
     out: list[tuple[str, str, int, bool]] = []
-    functions: list[tuple[str, int, int]] = []
+    functions: list[tuple[str, int, int, int]] = []
     texts: list[tuple[str, int]] = []
     unnamed: list[int] = []
 
@@ -170,7 +203,9 @@ def source(text: str) -> Source:
                     unnamed.extend([] if isinstance(first, ast.Constant) else [part.lineno])
             return
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            functions.append((node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1))
+            names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+            count = len(names) - (names[:1] in (["self"], ["cls"]))
+            functions.append((node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1, count))
         if isinstance(node, ast.Import):
             out.extend((alias.name, "", node.lineno, late) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -323,11 +358,22 @@ def size_violations(texts: dict[str, str]) -> list[str]:
             out.append(f"{path}: {lines} lines, at most {FILE} in a file")
         out += [
             f"{path}:{line}: {name} has {length} lines, at most {FUNCTION} in a function"
-            for name, line, length in source(text).functions
+            for name, line, length, _ in source(text).functions
             if length > FUNCTION
         ]
     out += [f"{folder}: {n} lines, at most {FOLDER} in a folder" for folder, n in folders.items() if n > FOLDER]
     return out
+
+
+def long_signatures(texts: dict[str, str]) -> dict[str, int]:
+    """Functions of flexgen with more than `MOST` parameters, by file and name."""
+    found = {
+        f"{path.removeprefix('flexgen/')} {name}": count
+        for path, text in texts.items()
+        if path.startswith("flexgen/")
+        for name, _, _, count in source(text).functions
+    }
+    return {name: count for name, count in found.items() if count > MOST}
 
 
 def large_rooms(texts: dict[str, str]) -> list[str]:
@@ -364,6 +410,16 @@ def test_applications_do_not_import_one_another():
 
 def test_sizes():
     assert size_violations(files()) == []
+
+
+def test_no_further_function_has_more_than_eight_parameters():
+    found = long_signatures(files())
+    assert found.keys() == PARAMETERS.keys() and all(found[name] <= PARAMETERS[name] for name in found)
+
+
+def test_a_planted_method_with_nine_parameters_is_seen():
+    planted = {"flexgen/x.py": "class A:\n    def f(self, a, b, c, d, e, *, f, g, h, i): ...\n    def g(self): ...\n"}
+    assert long_signatures(planted) == {"x.py f": 9}
 
 
 def test_rooms_with_their_subfolders_are_not_too_large():

@@ -5,40 +5,40 @@ from __future__ import annotations
 import inspect
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import flexgen
 from flexgen.deprecation import renamed
 from flexgen.errors import ArgumentError
+from flexgen.verbs import VERBS
 
-MOST = 8  # parameters of a public function; more of them belong into an object of options
+MOST = 8  # parameters of a function; more of them belong into an object of options
 
-# Public functions with more parameters; each number may only fall.
+# Keyword-only parameters of a public verb that are options of the command line do not count: each is a row of
+# `flexgen.verbs`, with its help, and scripts of version 0.2 have them by name. Functions with more than that; each
+# number may only fall:
 LARGER = {
-    "control": 14,
-    "excite": 17,
-    "export_fmu": 11,
-    "export_ros2": 9,
-    "fit_motion": 10,
-    "generate": 14,
-    "identify": 16,
-    "learn": 14,
-    "simulate": 9,
-    "solve": 17,
-    "tune": 9,
+    "fit_motion": 10,  # what is free, its bounds and priors, by name as in identify
+    "identify": 10,  # the same, and how the errors of the responses are modelled
+    "simulate": 9,  # what drives the robot: a trajectory or a command, its hold, feedback, a start
 }
 
 
-def larger(functions: dict[str, object]) -> dict[str, int]:
-    """Functions with more than `MOST` parameters, and how many they have."""
-    counts = {name: len(inspect.signature(what).parameters) for name, what in functions.items()}  # type: ignore[arg-type]
+def larger(functions: dict[str, Any]) -> dict[str, int]:
+    """Functions with more than `MOST` parameters that are no options of the command line, and how many they have."""
+    counts = {}
+    for name, what in functions.items():
+        options = {o.parameter for verb in VERBS.values() if verb.function == name for o in verb.options()}
+        parameters = inspect.signature(what).parameters.values()
+        counts[name] = sum(not (p.kind is p.KEYWORD_ONLY and p.name in options) for p in parameters)
     return {name: count for name, count in counts.items() if count > MOST}
 
 
 def test_no_further_public_function_has_more_than_eight_parameters():
-    functions = {name: getattr(flexgen, name) for name in flexgen.__all__ if inspect.isfunction(getattr(flexgen, name))}
-    found = larger(functions)
+    public = {name: getattr(flexgen, name) for name in flexgen.__all__ if inspect.isfunction(getattr(flexgen, name))}
+    found = larger(public)
     assert found.keys() == LARGER.keys() and all(found[name] <= LARGER[name] for name in found)
 
 
