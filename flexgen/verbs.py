@@ -77,7 +77,7 @@ new | new:new
         urdf FILE text group=kind: with elastic gears for a URDF file: FILE.urdf#BASE:TIP; default: its root and its
             farthest link
     files
-        out FILE: write to this file (.toml); default: NAME.toml
+        out FILE toml_file: write to this file (.toml); default: NAME.toml
         force: replace the file
 describe MODEL | robot:describe | describe
 check MODEL | check:check | check
@@ -184,7 +184,7 @@ excite MODEL | identify:excite | excite
         encoder_resolution X not_negative: [rad, motor side]; default: 0
         torque_noise X not_negative: [N m, motor side]; default: 0
     files
-        out FILE required: write the plan to this .npz file
+        out FILE npz_file required: write the plan to this .npz file
         references DIR: write the references of each experiment to DIR, as CSV
 measure MODEL | identify:measure | measure
     arguments
@@ -194,7 +194,7 @@ measure MODEL | identify:measure | measure
     files
         raw DIR: also write all samples, as recordings that 'flexgen frf' reads
         beside: also keep the spectra beside the lines, for 'flexgen frf --transients'
-        out FILE required: write the spectra to this .npz file
+        out FILE npz_file required: write the spectra to this .npz file
 frf | identify:frf | frf
     arguments
         <experiment> EXPERIMENT: file written by 'flexgen measure', or a .toml file that describes recordings
@@ -202,7 +202,7 @@ frf | identify:frf | frf
         average NAME in=AVERAGES: {AVERAGES}
         transients: remove transients by local polynomials beside the lines
     files
-        out FILE required: write the responses to this .npz file
+        out FILE npz_file required: write the responses to this .npz file
         @page
 identify MODEL | identify:identify | identify
     arguments
@@ -308,7 +308,7 @@ tune | control:tune | tune
         workers N whole_1: number of processes; default: {default}
         seed N whole_0: of the other starts; default: {default}
     files
-        out FILE required: write the controller to this file
+        out FILE toml_file required: write the controller to this file
 export fmu MODEL | export:fmu | export_fmu
     content
         block NAME in=plant/feedforward/controller: plant (default): the elastic robot; feedforward: inverse dynamics on

@@ -86,6 +86,20 @@ def trajectory_file(text: str) -> Path:
     return path
 
 
+def npz_file(text: str) -> Path:
+    """A file name ending in .npz."""
+    if not text.endswith(".npz"):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .npz")
+    return Path(text)
+
+
+def toml_file(text: str) -> Path:
+    """A file name ending in .toml."""
+    if not text.endswith(".toml"):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .toml")
+    return Path(text)
+
+
 def text(text: str) -> str:
     """Any text."""
     return text

@@ -6,8 +6,7 @@ Nothing heavy is imported before a verb runs, so that help and usage errors appe
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ from flexgen.errors import ArgumentError
 if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
+    from flexgen.results import Result
 
 Progress = Callable[[str], None]  # prints a progress message
 
@@ -105,7 +105,7 @@ def check_own(path: Path | None, mark: bytes) -> None:
     """Refuse to replace a text file that flexgen did not write; ``mark``: what its own have in their first lines."""
     if path is None or not path.is_file():
         return
-    with writing(path), path.open("rb") as stream:
+    with path.open("rb") as stream:
         head = stream.read(4096)
     if mark not in head:
         raise ArgumentError(
@@ -114,21 +114,20 @@ def check_own(path: Path | None, mark: bytes) -> None:
         )
 
 
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Name the path in the error if it cannot be written."""
-    try:
-        yield
-    except OSError as error:
-        raise ArgumentError(f"output: cannot write {str(path)!r} ({error.strerror or error})") from None
-
-
 def alone(args: Namespace, option: str, *others: str) -> None:
     """ArgumentError for options that have no effect together with this one."""
     given = [name for name in others if name in args.given]
     if given:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise ArgumentError(f"{option}: given with {names}, expected without: with {option} that has no effect")
+
+
+def written(args: Namespace, result: Result, key: str = "trajectory") -> tuple[dict[str, Any], list[str]]:
+    """Write a result to ``--out`` and its report to ``--report``, where given: the paths as data and as lines."""
+    data: dict[str, Any] = {key: None if args.out is None else str(result.save(args.out))}
+    if getattr(args, "report", None) is not None:
+        data["report"] = str(result.report(args.report))
+    return data, [f"wrote {path}" for path in data.values() if path is not None]
 
 
 def check_report(directory: Path | None) -> None:

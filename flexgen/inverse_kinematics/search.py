@@ -10,10 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from flexgen.display import short_repr
+from flexgen.display import plain, short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.library.model_library import library_with
 from flexgen.mechanics.equations import Equations, derive, robot_of
@@ -70,6 +71,11 @@ class Configuration(Result):
     parts: dict[str, float]
 
     __repr__ = short_repr
+
+    def to_dict(self) -> dict[str, Any]:
+        """The configuration as JSON types."""
+        names = ("q", "error", "within_limits", "branch", "flags", "parts", "singular")
+        return {name: plain(getattr(self, name)) for name in names} | {"singularity_distance": self.distance}
 
     @property
     def flags(self) -> tuple[int, ...]:

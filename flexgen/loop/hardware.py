@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.errors import ArgumentError
+from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_class
 
 
@@ -45,6 +46,11 @@ class DriveHardware:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise ArgumentError(f"{name}: given {value!r}, expected a number >= 0")
+
+    @classmethod
+    def from_model(cls, model: RobotModel, **values: float) -> DriveHardware:
+        """With the torque limits of a model, 0 where a motor has none; ``values``: the other fields."""
+        return cls(**values, torque_max_Nm=tuple(motor.torque_max or 0.0 for motor in model.motors))
 
 
 @dataclass(frozen=True)

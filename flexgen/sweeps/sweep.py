@@ -23,6 +23,7 @@ from flexgen.sweeps.cases import Case, Grid
 from flexgen.sweeps.executors import Done, Work, in_pool, in_process
 from flexgen.sweeps.folder import Folder, default_size
 from flexgen.sweeps.jobs import Job, Rows, Shard
+from flexgen.sweeps.summary import group_reasons, summarize
 from flexgen.sweeps.table import RESULTS, TIMES, Table, table_of
 from flexgen.sweeps.version import code_version, wants_native
 from flexgen.sweeps.worker import run_shard
@@ -39,6 +40,17 @@ class SweepResult(Result):
 
     def __repr__(self) -> str:
         return f"<SweepResult: {len(self.results)} cases, {len(self.failures)} failed>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Figures by model, method and status, and the reasons of failed cases, as JSON types."""
+        failed = self.failures.tolist()
+        return {
+            "cases": len(self.results),
+            "failed": len(failed),
+            "digest": self.results.digest,
+            "groups": summarize(self.results, self.times),
+            "failures": group_reasons(failed, [str(self.results["error"][k]) for k in failed]),
+        }
 
     @property
     def failures(self) -> np.ndarray:

@@ -17,8 +17,10 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.type_checks import checks_of
 
-# Objects of these classes take minutes to make; their methods are checked, and not called here.
+# Objects of these classes take minutes to make, or have the methods of all results only; their methods are checked, and
+# not called here.
 NOT_MADE = {
+    *("Configuration", "Detection", "Equilibrium", "Estimate", "Exported", "GeneratedLibrary", "Load", "SweepResult"),
     *("FeedbackLinearisation", "FeedbackStudy", "InverseKinematics", "JointTorqueFeedback", "LQ", "LearningResult"),
     *("LimitedInverter", "MotionFit", "Phase", "Simulation", "TorqueCommand", "TuningResult"),
 }

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from flexgen.cli.argument_types import numbers
+from flexgen.cli.argument_types import numbers, toml_file
 from flexgen.cli.main import main
 from flexgen.cli.parser import UsageError, build_parser, parse
 from flexgen.cli.result import VerbResult
@@ -25,7 +25,9 @@ VALUES = [
 def words_of(verb: str, *options: str) -> list[str]:
     """A command line of a verb with words for all that it requires."""
     required = [action for action in VERBS[verb]._actions if action.required]
-    words = [word for action in required if action.option_strings for word in (action.option_strings[0], "x.npz")]
+    options_ = [action for action in required if action.option_strings]
+    files = {a.option_strings[0]: "x.toml" if a.type is toml_file else "x.npz" for a in options_}
+    words = [word for pair in files.items() for word in pair]
     places = [
         str(next(iter(action.choices))) if action.choices else "x" for action in required if not action.option_strings
     ]

@@ -19,10 +19,10 @@ import pytest
 from flexgen.cli.main import main
 from flexgen.cli.parser import build_parser, parse
 from flexgen.cli.printing import fitted, table
-from flexgen.cli.verbs import sweep as sweep_verb
 from flexgen.cli.verbs.completion import SHELLS, verbs
 from flexgen.library import compiler
 from flexgen.model.catalogue import models
+from flexgen.sweeps.summary import group_reasons
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -239,7 +239,7 @@ def test_a_method_that_takes_minutes_is_announced(run, monkeypatch):
 
 def test_failures_are_grouped_by_reason():
     errors = ["error 1.5e-3 above 1e-5", "no equilibrium", "error 22 above 1e-6"]
-    groups = sweep_verb.reasons([3, 5, 8], errors)
+    groups = group_reasons([3, 5, 8], errors)
     assert groups == [{"reason": errors[0], "cases": [3, 8]}, {"reason": "no equilibrium", "cases": [5]}]
 
 

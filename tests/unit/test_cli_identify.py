@@ -112,7 +112,7 @@ def test_measured_responses_have_a_report(folder, capsys, tmp_path):
     [
         (
             ["excite", "planar5_nmp", "--out", "plan.txt"],
-            "--out: given 'plan.txt', expected a file name ending in .npz",
+            "argument --out: given 'plan.txt', expected a file name ending in .npz",
         ),
         (
             ["excite", "planar5_nmp", "--poses", "0", "--out", "p.npz"],

@@ -113,7 +113,7 @@ FORMER = [(verb.name, option, old) for verb in VERBS.values() for option in verb
 @pytest.mark.parametrize(("verb", "option", "old"), FORMER, ids=[f"{verb} {old}" for verb, _, old in FORMER])
 def test_a_former_option_is_accepted_with_a_note(verb, option, old):
     word, _, value = old.partition("=")
-    required = [w for o in VERBS[verb].options() if o.required for w in (o.option, "x")]
+    required = [w for o in VERBS[verb].options() if o.required for w in (o.option, "x.npz")]
     args = parse([*verb.split(), "elbow", *required, word, *(["1"] if option.takes_value and not value else [])])
     assert args.notes == [
         f"{word} is the old name of {' '.join(filter(None, (option.option, value)))}, please use the new one"

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
-from pathlib import Path
 from typing import Any
 
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, keywords, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, written
 from flexgen.cli.verbs.identify import throttled
 from flexgen.errors import ArgumentError
 
 
 def control(args: Namespace, log: Progress) -> VerbResult:
     """Simulate a move in the closed loop with feedforward, for the model and robots that differ from it."""
-    check_report(args.report)
-    check_writable(args.out)
     from flexgen.loop.control import control as simulate
     from flexgen.loop.disturbances import Disturbance
     from flexgen.loop.result import UNITS, columns_in
@@ -58,25 +55,14 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     if margins:
         head = ("pose", "stable", "gain margin", "delay margin, ms")
         text += ["", table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head)]
-    if args.out is not None:
-        with writing(args.out):
-            run.trajectory().save(args.out)
-        text += ["", f"wrote {args.out}"]
-    if args.report is not None:
-        text += ["", f"wrote {run.report(args.report)}"]
-    data = run.to_dict() | {
-        "margins": {
-            k: {"stable": m.stable, "gain": _finite(m.gain), "delay_s": _finite(m.delay_s)} for k, m in margins.items()
-        },
-        "trajectory": None if args.out is None else str(args.out),
-    }
+    files, lines = written(args, run)
+    text += [part for line in lines for part in ("", line)]
+    data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}} | files
     return VerbResult(data, "\n".join(text), problem="" if run.status == "done" else run.status)
 
 
 def learn(args: Namespace, log: Progress) -> VerbResult:
     """Learn the path of a robot that differs from its model, in simulation, from its measured tool error."""
-    check_report(args.report)
-    check_writable(args.out)
     from flexgen.performance.learn import learn as iterate
 
     model = read_model(args)
@@ -86,23 +72,14 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
         **keywords(args, "plant"),
         progress=log,
     )
-    text = [str(learned)]
-    if args.out is not None:
-        with writing(args.out):
-            learned.trajectory.save(args.out)
-        text += ["", f"wrote {args.out}"]
-    if args.report is not None:
-        text += ["", f"wrote {learned.report(args.report)}"]
+    files, lines = written(args, learned)
+    text = "\n\n".join([str(learned), *lines])
     failed = learned.errors[0] == float("inf")
-    data = learned.to_dict() | {"trajectory": None if args.out is None else str(args.out)}
-    for key in (f"{what}errors_max_{learned.unit}" for what in ("", "dynamic_", "measured_")):
-        data[key] = [_finite(e) for e in data[key]]
-    return VerbResult(data, "\n".join(text), problem="the robot fails without correction" if failed else "")
+    return VerbResult(learned.to_dict() | files, text, problem="the robot fails without correction" if failed else "")
 
 
 def score(args: Namespace, log: Progress) -> VerbResult:
     """Score controllers in a benchmark: one axis with four masses, or an arm with two links."""
-    check_report(args.report)
     from flexgen.benchmarks.leaderboard import find_shipped_controllers
     from flexgen.benchmarks.scenario_file import scenario
     from flexgen.benchmarks.score import score as compute
@@ -158,10 +135,6 @@ def score(args: Namespace, log: Progress) -> VerbResult:
 
 def tune(args: Namespace, log: Progress) -> VerbResult:
     """Tune a P-PI cascade with filters on the score of a benchmark; write it to a file."""
-    out: Path = args.out
-    if out.suffix != ".toml":
-        raise ArgumentError(f"--out: given {str(out)!r}, expected a file .toml")
-    check_writable(out)
     from flexgen.benchmarks.tune import tune as improve
 
     log(f"tune: {args.starts * args.evaluations} evaluations, about two seconds each")
@@ -171,27 +144,14 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
         **keywords(args),
         progress=throttled(log),
     )
-    with writing(out):
-        tuned.save(out)
-    text = f"{tuned}\n  {number(time.perf_counter() - began)} s\nwrote {out}"
-    data = {
-        "score": tuned.score.to_dict(),
-        "start": tuned.start.to_dict(),
-        "evaluations": tuned.evaluations,
-        "history": list(tuned.history),
-        "controller": str(out),
-    }
+    tuned.save(args.out)
+    text = f"{tuned}\n  {number(time.perf_counter() - began)} s\nwrote {args.out}"
+    data = tuned.to_dict() | {"controller": str(args.out)}
     return VerbResult(data, text, problem="" if tuned.score.accepted else "the tuned controller is refused")
-
-
-def _finite(x: float) -> float | None:
-    return x if x < float("inf") else None
 
 
 def fastest(args: Namespace, log: Progress) -> VerbResult:
     """Find the fastest time law of a move within the limits, by exact inverse dynamics; solve and verify it."""
-    check_report(args.report)
-    check_writable(args.out)
     from flexgen.inversion.bounds import Limits
     from flexgen.performance.minimum_time import fastest as search
 
@@ -204,16 +164,10 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
         **keywords(args),
         progress=throttled(log),
     )
-    text = [str(found)]
-    if args.out is not None:
-        with writing(args.out):
-            found.solution.trajectory.save(args.out)
-        text += ["", f"wrote {args.out}"]
-    if args.report is not None:
-        text += ["", f"wrote {found.solution.report(args.report)}"]
-    data = found.to_dict() | {"trajectory": None if args.out is None else str(args.out)}
+    files, lines = written(args, found.solution)
     solved = found.solution.status.value in ("solved", "limits exceeded")
-    return VerbResult(data, "\n".join(text), problem="" if solved else f"the fastest move is {found.solution.status}")
+    problem = "" if solved else f"the fastest move is {found.solution.status}"
+    return VerbResult(found.to_dict() | files, "\n\n".join([str(found), *lines]), problem)
 
 
 def kinematics(args: Namespace, log: Progress) -> VerbResult:
@@ -260,18 +214,6 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
         "model": model.name,
         "position_m": position.tolist(),
         "rotation": rotation.tolist(),
-        "configurations": [
-            {
-                "q": c.q.tolist(),
-                "error": c.error,
-                "within_limits": c.within_limits,
-                "branch": c.branch,
-                "flags": list(c.flags),
-                "parts": c.parts,
-                "singularity_distance": c.distance,
-                "singular": c.singular,
-            }
-            for c in found
-        ],
+        "configurations": [c.to_dict() for c in found],
     }
     return VerbResult(data, text, problem="" if found else f"the pose cannot be reached: {where}")

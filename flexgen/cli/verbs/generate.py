@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import paragraph
-from flexgen.cli.result import Progress, VerbResult, check_writable, keywords, read_model
+from flexgen.cli.result import Progress, VerbResult, keywords, read_model
 
 if TYPE_CHECKING:
     from flexgen.library.generate import GeneratedLibrary
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 def generate(args: Namespace, log: Progress) -> VerbResult:
     """Write and compile the C library."""
-    check_writable(args.out, folder=True)
     from flexgen.codegen.c_functions import inversion_reason
     from flexgen.library.generate import generate as generate_library
 

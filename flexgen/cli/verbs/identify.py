@@ -5,15 +5,21 @@ from __future__ import annotations
 import time
 from argparse import Namespace
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, keywords, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model
 from flexgen.cli.verbs.identify_motion import OF_RESPONSES, rigid, segments
 from flexgen.errors import ArgumentError
 
 EVERY = 2.0  # s between progress messages
+HARDWARE = {  # options of `excite` and the fields of DriveHardware
+    "sample_time": "sample_s",
+    "delay": "delay_s",
+    "encoder_resolution": "encoder_resolution_rad",
+    "encoder_noise": "encoder_noise_rad",
+    "torque_noise": "torque_noise_Nm",
+}
 
 
 def throttled(log: Progress) -> Callable[[str], None]:
@@ -31,32 +37,16 @@ def throttled(log: Progress) -> Callable[[str], None]:
 
 def excite(args: Namespace, log: Progress) -> VerbResult:
     """Plan an experiment for identification: poses, multisines, expected accuracy."""
-    _check_npz(args.out)
-    check_writable(args.references, folder=True)
     from flexgen.identification.experiments.plan import excite as plan_experiment
     from flexgen.loop.hardware import DriveHardware
 
     model = read_model(args)
-    hardware = DriveHardware(
-        sample_s=args.sample_time or 5e-4,
-        delay_s=args.delay or 0.0,
-        encoder_resolution_rad=args.encoder_resolution or 0.0,
-        encoder_noise_rad=args.encoder_noise or 0.0,
-        torque_noise_Nm=args.torque_noise or 0.0,
-        torque_max_Nm=_limits(model),
-    )
-    plan = plan_experiment(
-        model,
-        hardware=hardware,
-        **keywords(args),
-        progress=throttled(log),
-    )
-    with writing(args.out):
-        plan.save(args.out)
+    hardware = DriveHardware.from_model(model, **{HARDWARE[x]: getattr(args, x) for x in HARDWARE if x in args.given})
+    plan = plan_experiment(model, hardware=hardware, **keywords(args), progress=throttled(log))
+    plan.save(args.out)
     written = [str(args.out)]
     if args.references is not None:
-        with writing(args.references):
-            written.append(f"{args.references}, {len(plan.write_references(args.references))} files of references")
+        written.append(f"{args.references}, {len(plan.write_references(args.references))} files of references")
     joints = (plan.poses @ _inverse(model).T).tolist()
     rows = [[name, 100 * sd] for name, sd in plan.predicted.items()]
     text = "\n".join(
@@ -87,8 +77,6 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
 
 def measure(args: Namespace, log: Progress) -> VerbResult:
     """Simulate the experiment of a plan on a robot, with noise and drives."""
-    _check_npz(args.out)
-    check_writable(args.raw, folder=True)
     from flexgen.identification.experiments.excitation import Plan
     from flexgen.identification.experiments.experiment import measure as simulate
 
@@ -99,12 +87,10 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     if args.raw is not None:
         from flexgen.identification.recordings.recording_writer import RecordingWriter
 
-        with writing(args.raw):
-            writer = RecordingWriter(args.raw, plan, robot)
+        writer = RecordingWriter(args.raw, plan, robot)
     experiment = simulate(plan, robot, raw=writer, **keywords(args, "raw"), progress=throttled(log))
     wall = time.perf_counter() - began
-    with writing(args.out):
-        experiment.save(args.out)
+    experiment.save(args.out)
     text = (
         f"{robot.name}: {number(plan.duration_s)} s of robot in {number(wall)} s\n\n"
         + table(
@@ -132,8 +118,6 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
 
 def frf(args: Namespace, log: Progress) -> VerbResult:
     """Estimate frequency responses and their noise from an experiment."""
-    _check_npz(args.out)
-    check_report(args.report)
     from flexgen.identification.experiments.experiment import Experiment
     from flexgen.identification.frequency_response import frf as estimate
     from flexgen.identification.recordings.description import is_description
@@ -145,8 +129,7 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
     else:
         experiment = Experiment.load(args.experiment)
     found = estimate(experiment, **keywords(args, "experiment"))
-    with writing(args.out):
-        found.save(args.out)
+    found.save(args.out)
     data: dict[str, Any] = {
         "model": found.model,
         "frf": str(args.out),
@@ -170,8 +153,6 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
 
 def identify(args: Namespace, log: Progress) -> VerbResult:
     """Fit parameters of a model to frequency responses or to recorded motions; write a new model file."""
-    check_writable(args.out)
-    check_report(args.report)
     if args.rigid or args.segments is not None:
         return rigid(args, log) if args.rigid else segments(args, log)
     if args.validate is not None or args.counterbalance:
@@ -331,22 +312,10 @@ def _write(found: Any, args: Namespace) -> list[tuple[str, str]]:
     """The new model file and the report, where they are asked for."""
     out = []
     if args.out is not None:
-        with writing(args.out):
-            out.append(("model_file", str(found.write(args.out))))
+        out.append(("model_file", str(found.write(args.out))))
     if args.report is not None:
         out.append(("report", str(found.report(args.report))))
     return out
-
-
-def _check_npz(path: Path) -> None:
-    if path.suffix != ".npz":
-        raise ArgumentError(f"--out: given {str(path)!r}, expected a file name ending in .npz")
-    check_writable(path)
-
-
-def _limits(model: Any) -> tuple[float, ...]:
-    """Torque limits of all motors; 0: none."""
-    return tuple(0.0 if motor.torque_max is None else motor.torque_max for motor in model.motors)
 
 
 def _inverse(model: Any) -> Any:

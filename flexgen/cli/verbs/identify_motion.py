@@ -6,7 +6,7 @@ from argparse import Namespace
 from typing import Any
 
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.result import Progress, VerbResult, alone, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, alone, read_model
 from flexgen.errors import ArgumentError
 
 OF_RESPONSES = ("residual", "floor", "starts", "refine", "move", "truth")  # options of fits to frequency responses
@@ -61,8 +61,7 @@ def rigid(args: Namespace, log: Progress) -> VerbResult:
         lines += ["", "stiffness of the gears from the link encoders, arm side, 90 % interval:", ""]
         lines += [f"  {name}: {deflection.sentence}" for name, deflection in springs]
     if args.out is not None:
-        with writing(args.out):
-            result["model_file"] = str(write_rigid(found, args.out, str(args.data)))
+        result["model_file"] = str(write_rigid(found, args.out, str(args.data)))
         lines += ["", f"wrote {args.out}"]
     good = found.status in (RigidStatus.FITTED, RigidStatus.NOT_CHECKED)
     return VerbResult(result, "\n".join(lines), problem="" if good else f"{found.status}: {found.status.sentence}")
@@ -158,8 +157,7 @@ def segments(args: Namespace, log: Progress) -> VerbResult:
     ]
     result = found.to_dict()
     if args.out is not None and found.status != FitStatus.NOT_CONVERGED:
-        with writing(args.out):
-            result["model_file"] = str(found.write(args.out))
+        result["model_file"] = str(found.write(args.out))
         lines.append(f"wrote {args.out}")
     problem = "" if found.status == FitStatus.FITTED else f"{found.status}: {found.status.sentence}"
     return VerbResult(result, "\n".join(lines), problem=problem)

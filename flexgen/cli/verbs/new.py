@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from flexgen.atomic_files import write_text
-from flexgen.cli.result import Progress, VerbResult, check_writable, writing
+from flexgen.cli.result import Progress, VerbResult, check_writable
 from flexgen.errors import ArgumentError
 
 
@@ -16,12 +16,9 @@ def new(args: Namespace, log: Progress) -> VerbResult:
 
     path = args.out or Path(f"{args.name}.toml")
     check_writable(path)
-    if path.suffix != ".toml":
-        raise ArgumentError(f"--out: given {str(path)!r}, expected a file name ending in .toml")
     if path.exists() and not args.force:
         raise ArgumentError(f"--out: given {str(path)!r}, which exists, expected a new file; --force replaces it")
     text = new_model(args.name, args.template or "planar", args.urdf, path.parent)
-    with writing(path):
-        write_text(path, text)
+    write_text(path, text)
     next_steps = "\n".join(f"next: flexgen {verb} {path}" for verb in ("check", "analyze", "solve"))
     return VerbResult({"name": args.name, "out": str(path)}, f"wrote {path}\n{next_steps}")

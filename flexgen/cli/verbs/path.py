@@ -6,13 +6,12 @@ from argparse import Namespace
 
 from flexgen.atomic_files import write_text
 from flexgen.cli.printing import number, table
-from flexgen.cli.result import Progress, VerbResult, check_own, check_writable, read_model, writing
+from flexgen.cli.result import Progress, VerbResult, check_own, read_model
 from flexgen.cli.verbs.solve import chosen_move
 
 
 def path(args: Namespace, log: Progress) -> VerbResult:
     """Plan a path without solving: duration, segments, and a table of it for C."""
-    check_writable(args.out)
     check_own(args.out, b"Written by flexgen")
     from flexgen.paths.path import plan
 
@@ -25,8 +24,7 @@ def path(args: Namespace, log: Progress) -> VerbResult:
     if args.out is not None:
         from flexgen.codegen.path_header import path_header
 
-        with writing(args.out):
-            write_text(args.out, path_header(robot, planned.move.name, planned.table(), planned.duration))
+        write_text(args.out, path_header(robot, planned.move.name, planned.table(), planned.duration))
         data["table"] = str(args.out)
         text += f"\n\nwrote {args.out}"
     return VerbResult(data, text)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexgen.atomic_files import write_text
 from flexgen.cli.printing import analysis_text, description_text, one_line, paragraph, roots, table
-from flexgen.cli.result import Progress, VerbResult, check_report, check_writable, derived, writing
+from flexgen.cli.result import Progress, VerbResult, derived
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 
@@ -44,7 +44,6 @@ def describe(args: Namespace, log: Progress) -> VerbResult:
 
 def derive(args: Namespace, log: Progress) -> VerbResult:
     """Derive the equations of motion and print them; of large models, print the sizes of the functions."""
-    check_writable(args.out)
     form = "latex" if args.latex else "text" if args.text else ""
     if not form and args.out is not None:
         form = "latex" if args.out.suffix == ".tex" else "text"
@@ -93,7 +92,6 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
     """Analyze the robot at rest at a pose: modes, poles, zeros, phase, structural index."""
     from flexgen.analysis.analyze import analyze as analyze_model
 
-    check_report(args.report)
     equations, path = derived(args), None
     if args.move is not None:
         from flexgen.paths.path import Path as ToolPath
@@ -106,8 +104,7 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
     if args.report is not None:
         from flexgen.reports.analysis_page import write_analysis
 
-        with writing(args.report):
-            page = write_analysis(analysis, args.report)
+        page = write_analysis(analysis, args.report)
         data["report"] = str(page)
         text += f"\n\nwrote {page}"
     poles = "poles, 1/s: " + ", ".join(roots(plain(data["poles"])))

@@ -12,11 +12,9 @@ from flexgen.cli.result import (
     Progress,
     VerbResult,
     check_report,
-    check_writable,
     derived,
     keywords,
     read_model,
-    writing,
 )
 from flexgen.cli.verbs.generate import generated_dict
 from flexgen.cli.verbs.solve import inaccuracy, problem_of
@@ -34,7 +32,6 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     name = robot.name + (f"_{robot.variant}" if robot.variant else "")
     directory = args.report or Path("reports", name)
     check_report(directory)
-    check_writable(args.out, folder=True)
 
     from flexgen.analysis.analyze import analyze as analyze_model
     from flexgen.inversion.comparison import compare_methods
@@ -58,9 +55,8 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     checked = _check_library(library, equations, solution)
     compared = compare_methods(equations, solution, log)
     log("report")
-    with writing(directory):
-        report = write_report(equations, solution, directory, generated=generated, compared=compared)
-        trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
+    report = write_report(equations, solution, directory, generated=generated, compared=compared)
+    trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
     facts, solved = plain(analysis.to_dict()), solution.to_dict()
     solved["trajectory"] = str(trajectory)
     slowest = facts["unstable_time_constant_s"]
@@ -99,8 +95,7 @@ def _interrupted(solution: Solution, directory: Path) -> VerbResult:
     """The result where Ctrl-C ended the solve: the trajectory is written, the report is not."""
     from flexgen.inversion.solve import ACCURACY
 
-    with writing(directory):
-        trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
+    trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
     data = solution.to_dict() | {"trajectory": str(trajectory)}
     text = f"{figures(figure_rows(solution))}\n\nwrote {trajectory}"
     return VerbResult({"solve": data}, text, inaccuracy(solution, ACCURACY), list(solution.warnings), interrupted=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import duration, figure_rows, figures, paragraph, suggestion
-from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, derived, keywords, writing
+from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, derived, keywords
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
@@ -120,14 +120,12 @@ def _solve_one(
     lines = [f"{equations.model.title}, move {solution.move.name}\n\n{figures(figure_rows(solution))}\n"]
     lines += [f"tried before: {text}" for text in solution.details.get("attempts", ())]
     if out is not None:
-        with writing(out):
-            data["trajectory"] = str(solution.trajectory.save(out))
+        data["trajectory"] = str(solution.trajectory.save(out))
         lines.append(f"wrote {out}")
         if solution.torque_command is not None:
             command = _named(out, COMMAND)
             assert command is not None
-            with writing(command):
-                data["torque_command"] = str(solution.torque_command.save(command))
+            data["torque_command"] = str(solution.torque_command.save(command))
             lines.append(f"wrote {command}")
     if report is not None and not solution.interrupted:
         data |= _report(args, equations, solution, report, log)
@@ -155,8 +153,7 @@ def _report(
         took = "" if solution.simulation is None else f", about {duration(RUN * runs * solution.simulation.wall_s)}"
         log(f"robustness: {runs} simulations{took}")
         rows = data["robustness"] = compare_plants(equations, named, progress=log)
-    with writing(directory):
-        data["report"] = str(write_report(equations, solution, directory, compared=compared, robustness=rows))
+    data["report"] = str(write_report(equations, solution, directory, compared=compared, robustness=rows))
     return data
 
 
@@ -260,7 +257,6 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
 
 def simulate(args: Namespace, log: Progress) -> VerbResult:
     """Simulate the robot under the motor torques of a trajectory."""
-    check_writable(args.out)
     from flexgen.simulation.simulate import simulate as simulate_model
 
     equations = derived(args, log)
@@ -271,7 +267,6 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
         figure_rows(simulation)
     )
     if args.out is not None:
-        with writing(args.out):
-            data["trajectory"] = str(simulation.trajectory.save(args.out))
+        data["trajectory"] = str(simulation.trajectory.save(args.out))
         text += f"\n\nwrote {args.out}"
     return VerbResult(data, text, warnings=list(simulation.warnings))

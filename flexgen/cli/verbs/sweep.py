@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from argparse import Namespace
-from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.result import Progress, VerbResult, keywords
 
 if TYPE_CHECKING:
-    from flexgen.sweeps.sweep import SweepResult
-
-_NUMBER = re.compile(r"\d[\d.]*(?:[eE][-+]?\d+)?")
+    pass
 
 SHOWN = 5  # reasons of failures that are printed, and cases that are named for each
 
@@ -32,34 +28,14 @@ def sweep(args: Namespace, log: Progress) -> VerbResult:
     files = [args.out / "results.npz", args.out / "times.npz"]
     if args.parquet:
         files.append(swept.results.save(args.out / "results.parquet"))
-    failures = [int(number) for number in swept.failures]
-    data: dict[str, Any] = {
-        "cases": len(swept.results),
-        "failed": len(failures),
-        "digest": swept.results.digest,
-        "groups": _groups(swept),
-        "files": [str(file) for file in files],
-    }
-    data["failures"] = reasons(failures, [str(swept.results["error"][k]) for k in failures])
+    data = swept.to_dict() | {"files": [str(file) for file in files]}
     warnings = [_reason_text(group) for group in data["failures"][:SHOWN]]
     if len(data["failures"]) > SHOWN:
         more = sum(len(group["cases"]) for group in data["failures"][SHOWN:])
         warnings.append(f"{more} more cases failed for other reasons; see --verbose or column error of {files[0]}")
-    problem = "all cases failed" if len(failures) == len(swept.results) else ""
-    details = "\n".join(f"case {k}: {swept.results['error'][k]}" for k in failures)
+    problem = "all cases failed" if data["failed"] == data["cases"] else ""
+    details = "\n".join(f"case {k}: {swept.results['error'][k]}" for k in swept.failures)
     return VerbResult(data, _text(data), problem, warnings, details)
-
-
-def reasons(cases: Sequence[int], errors: Sequence[str]) -> list[dict[str, Any]]:
-    """Group failed cases by their reason, the most frequent first; reasons that differ in numbers only are equal.
-
-    Each group has the ``reason`` of its first case and its ``cases``.
-    """
-    groups: dict[str, dict[str, Any]] = {}
-    for case, error in zip(cases, errors, strict=True):
-        group = groups.setdefault(_NUMBER.sub("#", error), {"reason": error, "cases": []})
-        group["cases"].append(case)
-    return sorted(groups.values(), key=lambda group: -len(group["cases"]))
 
 
 def _reason_text(group: dict[str, Any]) -> str:
@@ -69,25 +45,6 @@ def _reason_text(group: dict[str, Any]) -> str:
         return f"case {cases[0]} failed: {group['reason']}"
     names = ", ".join(map(str, cases[:SHOWN])) + (", ..." if len(cases) > SHOWN else "")
     return f"{len(cases)} cases failed ({names}), for example case {cases[0]}: {group['reason']}"
-
-
-def _groups(swept: SweepResult) -> list[dict[str, Any]]:
-    """Summary of the cases by model, method and status."""
-    import numpy as np
-
-    results, out = swept.results, []
-    names = np.stack([results["model"], results["method"], results["status"]], axis=1)
-    for model, method, status in np.unique(names, axis=0):
-        rows = (names == (model, method, status)).all(axis=1)
-        figures = {
-            name: max((float(x) for x in results[name][rows] if np.isfinite(x)), default=None)
-            for name in ("tool_error_max", "turn_error_max", "torque_max")
-        }
-        figures["cpu"] = float(np.nansum(swept.times["cpu"][rows]))
-        out.append(
-            {"model": str(model), "method": str(method), "status": str(status), "cases": int(rows.sum())} | figures
-        )
-    return out
 
 
 def _text(data: dict[str, Any]) -> str:
