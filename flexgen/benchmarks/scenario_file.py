@@ -104,7 +104,7 @@ def _check_weights(table: Table, here: Context) -> None:
         raise table.fail("weights", f"some of {', '.join(KINDS)}")
 
 
-NUMBER, TIME = keys.number(least=0.0), keys.number(least=1e-3, most=LONGEST_S)
+NUMBER, TIME = keys.number(least=0.0, most=LARGEST), keys.number(least=1e-3, most=LONGEST_S)
 DELAY, SPAN = Type(_read_delay, NUMBER.schema), Type(_read_span, vector(2).schema)
 TEXT = Type(lambda table, key, here: table.text(key.name).strip(), text().schema)
 NAME = Key("name", text(), "name")
@@ -273,7 +273,7 @@ def _file(version: int, own: tuple[Key, ...], measures: Format) -> Format:
         Key("published", TEXT, "what was published, and where"),
         Key("ours", TEXT, "what was not"),
         Key("model", Type(_read_model, {}, form=MODEL), MODEL.doc),
-        Key("sample_s", keys.number(least=1e-6), "sample time", "s"),
+        Key("sample_s", keys.number(least=1e-6, most=LARGEST), "sample time", "s"),
         Key("delay_s", DELAY, "delay of the torque", "s"),
         Key("steps", keys.whole(1, MOST_STEPS), "steps of the integrator in a sample"),
         Key("duration_s", TIME, "duration of a run", "s"),

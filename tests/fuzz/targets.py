@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 
 import flexgen
+from flexgen.benchmarks.scenario_file import scenario
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.library import generate
 from flexgen.library.directory import read_manifest
+from flexgen.loop.controller_files import file_controller
 from flexgen.paths.sample_files import read_samples
 from flexgen.spec.ports import Port
+from flexgen.sweeps.grid_file import read_grid
 
 ROOT = Path(__file__).resolve().parents[2]
 LINKED = "linked"  # a folder among the seeds: what a mutated file refers to, unchanged
@@ -240,6 +243,29 @@ def _recordings(path: Path) -> None:
         flexgen.frf(experiment)
 
 
+# --- controllers, scenarios and grids ---------------------------------------------------------------------------------
+
+LAWS = {
+    "cascade": "position_gain = [2.0]\nspeed_gain = [0.5]\nintegral_gain = [0.1]\n[[low_pass]]\nfrequency_hz = 50.0\n",
+    "linear": "A = [[0.5]]\nB = [[1.0, 0.0]]\nC = [[0.2]]\nD = [[0.0, 3.0]]\n",
+    "tomei_pd": "k_p = [1.0, 2.0]\nk_d = [0.1, 0.2]\nfeedforward = true\n",
+}
+
+
+def _table_seeds(folder: Path) -> None:
+    for path in sorted((ROOT / "flexgen" / "benchmarks").glob("*.toml")):
+        shutil.copy(path, folder)
+    shutil.copy(ROOT / "examples" / "sweep.toml", folder)
+    for kind, text in LAWS.items():
+        (folder / f"{kind}.toml").write_text(f'type = "{kind}"\n{text}', encoding="utf-8")
+
+
+def _tables(path: Path) -> None:
+    """Each file is of one kind; models that a scenario names may have errors of their own."""
+    readers = [lambda file: file_controller(str(file)), scenario, read_grid]
+    _each(readers, ["mutated", "four_mass", "elbow"], 1)(path)
+
+
 _LIBRARY = ("cases", "libelbow")
 
 TARGETS = {
@@ -255,5 +281,6 @@ TARGETS = {
     "recordings": Target(
         _recording_seeds, lambda folder: _recordings, ("mutated.toml", "bench.toml", "linked.toml", "run.npz")
     ),
+    "tables": Target(_table_seeds, lambda folder: _tables, ("mutated", "four_mass", "elbow")),
     "manifest": Target(_manifest_seeds, lambda folder: _each([_known, _load], _LIBRARY, 2), _LIBRARY),
 }
