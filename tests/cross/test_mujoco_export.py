@@ -22,6 +22,7 @@ from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports.mujoco import mjcf
 from flexgen.exports.mujoco_checks import with_friction
+from flexgen.exports.mujoco_inertia import regrouped
 from flexgen.model.elements import Body, CubicSpring, PiecewiseSpring, RobotModel, SmoothSpring
 from flexgen.model.reader import model_names
 from flexgen.numerics.evaluate import evaluate
@@ -296,6 +297,12 @@ def test_the_file(tmp_path):
     assert [motor.get("name") for motor in root.iter("motor")] == ["m1", "m2"]
     assert not list(root.iter("equality"))
     m = mujoco.MjModel.from_xml_path(str(path))
+    # a capsule for each link, from joint to joint, that neither weighs nor touches
+    ends = [np.array(geom.get("fromto").split(), dtype=float) for geom in root.iter("geom")]
+    places = [b.get("pos") for b in root.iter("body") if b.get("pos") and not b.get("name").startswith("rotor.")]
+    lengths = [np.linalg.norm(np.array(place.split(), dtype=float)) for place in places]
+    assert {round(float(np.linalg.norm(end[3:] - end[:3])), 9) for end in ends} >= {round(x, 9) for x in lengths if x}
+    assert len(ends) == 3 and all(g.get("contype") == g.get("conaffinity") == "0" for g in root.iter("geom"))
     assert m.neq == 0 and m.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
     # stable where nothing is done about it: a second from home under the torques of the equilibrium
     d = mujoco.MjData(m)
@@ -344,6 +351,17 @@ def test_dry_friction_is_a_constraint():
     assert loss["q4"] == next(c.dof.friction.coulomb for c in model.coordinates if c.name == "q4")
 
 
+def test_motors_behind_rigid_gears_are_friction_damping_and_armature_of_their_joint():
+    """Power: r times the torque, r^2 times the damping and the inertia."""
+    frictions = {"motor.m1.friction": {"coulomb": 0.5, "beta": 9.0, "viscous": 0.25}, "motor.m1.ratio": -4.0}
+    own = {"element.upper.dof.q1.friction": {"coulomb": 3.0, "beta": 50.0, "viscous": 7.0}}
+    model = flexgen.read("elbow@rigid", overrides=frictions | own)
+    m = mujoco.MjModel.from_xml_string(mjcf(model, "dry"))
+    at = m.jnt_dofadr[m.joint("q1").id]
+    assert m.dof_frictionloss[at] == 3.0 + 4.0 * 0.5 and m.dof_damping[at] == 7.0 + 16.0 * 0.25
+    assert m.dof_armature[at] == 16.0 * model.motors[0].inertia
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -352,8 +370,9 @@ def test_dry_friction_is_a_constraint():
     ],
 )
 def test_refusals_name_the_key(changes, words):
-    with pytest.raises(ModelError, match=words):
+    with pytest.raises(ModelError, match=words) as found:
         mjcf(flexgen.read("planar5_nmp", overrides=changes))
+    assert found.value.line == 0
 
 
 def test_wrong_arguments(tmp_path):
@@ -374,3 +393,14 @@ def test_command_line(tmp_path, capsys):
     assert out.read_text() == mjcf(flexgen.read("elbow@payload"))  # the old file is still there
     assert main(["export", "mujoco", "manutec_r3", "--friction", "viscous", "--out", str(out)]) == 0
     assert main(["export"]) == 2
+
+
+def test_an_inertia_that_no_body_can_have_is_refused():
+    """Shares of a tensor move only across the axis of a joint: one that is too small along this axis stays."""
+    model = flexgen.read("planar5_nmp")
+    (dof,) = model.elements[0].dofs
+    axes = np.linalg.svd(np.array([dof.axis]))[2]  # the axis of the joint first
+    tensors = [axes.T @ np.diag([0.1, 5.0, 1.0]) @ axes, *[np.eye(3)] * (len(model.elements) - 1)]
+    with pytest.raises(ModelError, match=r"element\.arm1\.body\.inertia: given principal moments 0\.1, 1, 5 ") as found:
+        regrouped(model, tensors, [np.eye(3)] * len(model.elements))
+    assert found.value.line == 0

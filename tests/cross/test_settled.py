@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path as FilePath
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,9 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import HELD, LAGS
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
-from flexgen.inversion.settling import SHORTEST
+from flexgen.inversion.settling import SHORTEST, _fade_to_equilibrium
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.statics import equilibrium_at
+from flexgen.mechanics.statics import Equilibrium, equilibrium_at
 from flexgen.model.elements import Output
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
@@ -42,9 +43,35 @@ SOLVERS = ("invert", "invert_limited")  # one library for all tests
 
 def test_the_c_has_the_times_of_solve() -> None:
     """How long the last torque is held, the shortest motion after the path [s], and that of the gears."""
-    files = clib_files.read_clib()
+    files = clib_files.fixed_files()
     assert f"held_time = {HELD:g};" in files["invert.c"] and f"shortest_end = {SHORTEST:g};" in files["whole_path.h"]
     assert f"lags = {LAGS:.1f};" in files["motors.h"]
+
+
+def test_a_motion_that_fades_obeys_its_derivatives() -> None:
+    """Cubics before; after it products of polynomials, and torques with the inertia of the rotors in them."""
+    model = read("elbow")
+    period, count, n = 0.01, 60, 20  # the fade takes the last n samples
+    u = period * (np.arange(count) - (count - n))[:, None]  # time of the fade [s]
+    fade = np.polynomial.Polynomial([1, 0, 0, 0, -35, 84, -70, 20], [0, 1], [0, 1])
+    w = fade(np.polynomial.Polynomial([0, 1 / (period * (n - 1))]))
+    motion, last = [np.polynomial.Polynomial([0.3, -0.2, 0.5, k]) for k in (1, -2)], np.array([0.1, -0.4])
+    curves = [np.hstack([p.deriv(k)(u) if k else p(u) for p in motion]) for k in range(3)]
+    inertia = np.array([motor.inertia for motor in model.motors])
+    gears, held = np.hstack([np.sin(u), np.cos(u)]), np.array([2.0, -3.0])
+    tau = inertia * curves[2] + gears
+    before = Inversion(*curves, gears, *curves[:2], tau, 0, 2 * n, period, 0, 0, 0, 0, 0, 0, 0, True)
+    end = Equilibrium(last, last, held, held)
+    after = _fade_to_equilibrium(SimpleNamespace(equations=derive(model)), before, end)
+    faded = [w * (p - x) + x for p, x in zip(motion, last, strict=True)]
+    q, v, a = (np.hstack([p.deriv(k)(u) if k else p(u) for p in faded])[-n:] for k in range(3))
+    share = w(u)[-n:]
+    expected = {"q_a": q, "v_a": v, "a_a": a, "q_m": q, "v_m": v, "tau_g": held + share * (gears[-n:] - held)}
+    expected["tau_m"] = inertia * a + expected["tau_g"]
+    for name, values in expected.items():
+        assert np.abs(getattr(after, name)[-n:] - values).max() < 1e-9 * np.abs(values).max()
+        assert np.array_equal(getattr(after, name)[:-n], getattr(before, name)[:-n])
+    assert np.array_equal(after.q_a[-1], last) and np.array_equal(after.tau_m[-1], held)
 
 
 def arm(output: str) -> Equations:
@@ -147,9 +174,9 @@ def planted(
     output: str, file: str, right: str, wrong: str, folder: FilePath, monkeypatch: pytest.MonkeyPatch
 ) -> Library:
     """The library with an error in one of its files."""
-    texts = dict(clib_files.read_clib())
+    texts = dict(clib_files.fixed_files())
     assert texts[file].count(right) == 1
-    monkeypatch.setattr(clib_files, "read_clib", lambda: texts | {file: texts[file].replace(right, wrong)})
+    monkeypatch.setattr(clib_files, "fixed_files", lambda: texts | {file: texts[file].replace(right, wrong)})
     return load(flexgen.generate(arm(output).model, folder / "wrong").directory)
 
 

@@ -20,12 +20,15 @@ from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports import urdf as urdf_module
 from flexgen.exports.poses import roll_pitch_yaw
-from flexgen.exports.urdf import export_urdf
+from flexgen.exports.urdf import _groups, export_urdf
 from flexgen.model.elements import (
     BacklashSpring,
     Body,
     CubicSpring,
+    Dof,
+    Element,
     Friction,
+    Gear,
     PiecewiseSpring,
     Placement,
     RobotModel,
@@ -356,3 +359,18 @@ def test_the_overlay_is_written_first(tmp_path, monkeypatch):
     with pytest.raises(ArgumentError, match="no space"):
         export_urdf("elbow", tmp_path / "arm.urdf")
     assert [p.name for p in tmp_path.iterdir()] == ["arm.toml"]
+
+
+@pytest.mark.parametrize("motors", ["", "100", "010", "0", "1", "101", "011", "00110"])
+def test_the_degrees_of_freedom_of_an_element_have_one_motor_in_a_group(motors):
+    """In their order; a group begins with its motor, the first one with what is before it too."""
+    dofs = tuple(
+        Dof(f"q{k}", "rotation", (0, 0, 1), Gear(rigid=True) if motor == "1" else None)
+        for k, motor in enumerate(motors)
+    )
+    groups = _groups(Element("arm", dofs=dofs))
+    assert tuple(dof for before, own, after in groups for dof in (*before, *([own] if own else []), *after)) == dofs
+    assert len(groups) == max(1, motors.count("1")) and not any(before for before, _, _ in groups[1:])
+    for before, own, after in groups:
+        assert not any(dof.actuated for dof in (*before, *after))
+        assert own is None if not dofs else own.actuated == ("1" in motors)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from flexgen.benchmarks.leaderboard import find_shipped_controllers
 from flexgen.benchmarks.measures import compute_measures, measures_of
 from flexgen.benchmarks.scenario import FROZEN, NAMES
 from flexgen.benchmarks.scenario_file import FOLDER, scenario
-from flexgen.benchmarks.tune import cascade_table, numbers_of, with_numbers
+from flexgen.benchmarks.tune import _in_parallel, cascade_table, numbers_of, with_numbers
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.mechanics.equations import derive
@@ -245,6 +246,16 @@ def test_a_page_of_a_score(tmp_path):
     page = flexgen.score("four_mass", "ppi", progress=False).report(tmp_path / "page").read_text()
     assert "V = 0.7" in page and "Published:" in page and "Rule: A score is the mean over the draws." in page
     assert "worst draw 0." in page and "over 8 draws" in page and (tmp_path / "page" / "score.png").exists()
+
+
+@pytest.mark.parametrize("told", [None, []])
+def test_starts_in_parallel_come_in_their_order_and_tell_the_best(told):
+    values = [3.0, 1.5, 2.0]
+    jobs = [SimpleNamespace(number=k, search=lambda tell, k=k: (f"found {k}", values[k])) for k in range(3)]
+    with ThreadPoolExecutor(1) as executor:
+        found = _in_parallel(jobs, 1, executor, None if told is None else told.append)
+    assert found == [(f"found {k}", value) for k, value in enumerate(values)]
+    assert told is None or (len(told) == 3 and told[-1] == "3 of 3 starts, best 1.5000")
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,14 +13,14 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
-from flexgen.loop.control import control_case, run_case
-from flexgen.loop.controllers import Cascade
+from flexgen.loop.control import case_controller, control_case, run_case
+from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.gains import lowest_locked_hz
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import PythonController
 from flexgen.loop.margins import LoopAtPose, as_linear
 from flexgen.loop.named_controllers import controller_of
-from flexgen.loop.sampled_model import PoseModels
+from flexgen.loop.sampled_model import PoseModel, PoseModels
 from flexgen.mechanics.equations import derive
 
 pytestmark = needs_compiler
@@ -172,6 +173,34 @@ def test_lqg_is_the_regulator_and_the_filter_of_the_sampled_model(case):
     assert loop.largest_eigenvalue() < 1
     found = run_case(case, law, "lqg")
     assert found.status == "done"
+
+
+def test_a_linear_controller_ignores_the_exact_state_that_is_measured_beside(case):
+    """As it is without the exact state; with it the channels of the state, the last ones, have the weight zero."""
+    given = as_linear(law_of(case), 5e-4, case.model.n_m)
+    n_y, states = case.model.n_m, 2 * (case.model.n_a + case.model.n_m)
+    for exact in (False, True):
+        found, _ = case_controller(replace(case, exact_state=exact), given)
+        for name, one, other in zip("ABCD", given.matrices, found.matrices, strict=True):
+            wider = states if exact and name in "BD" else 0
+            assert other.shape == (*one.shape[:2], one.shape[2] + wider)
+            assert np.array_equal(other[..., : one.shape[2]], one) and not other[..., one.shape[2] :].any()
+        assert found.matrices[1].shape[2] == n_y + (states if exact else 0)
+    cascade = law_of(case)
+    assert case_controller(replace(case, exact_state=True), cascade)[0] is cascade
+
+
+def test_margins_of_an_integrator_are_those_of_its_closed_form():
+    """x <- x - h k x: unstable from h k = 2 on; one sample late from h k = 1 on, by Jury's criterion."""
+    h, k = 1e-3, 200.0
+    A, one, none = (np.array([[x]]) for x in (0.0, 1.0, 0.0))
+    plant = PoseModel(A, one, none, none, one, none, none, one)
+    law = Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 1), (1, 0))), np.array([[k]]))
+    margins = LoopAtPose(plant, law, h, 0.0).margins()
+    assert margins.stable and margins.largest_eigenvalue == pytest.approx(1 - h * k)
+    assert margins.gain == pytest.approx(2 / (h * k), rel=1e-3)
+    assert LoopAtPose(plant, law, h, h).margins().gain == pytest.approx(1 / (h * k), rel=1e-3)
+    assert not LoopAtPose(plant, replace(law, D=np.array([[2.1 / h]])), h, 0.0).margins().stable
 
 
 def test_the_lowest_locked_frequency_of_two_masses():

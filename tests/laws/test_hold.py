@@ -137,6 +137,8 @@ def test_values_of_limited_torques_are_means_within_their_range() -> None:
     for kind in ("zoh", "linear"):
         _, values = hold_torque(t, tau, kind, 3 * T, limited=True)
         assert values.max() <= tau.max() and values.min() >= tau.min()
+        both = hold_torque(t, np.hstack([tau, -2 * tau]), kind, 3 * T, limited=True)[1]  # each motor for itself
+        assert both == pytest.approx(np.hstack([values, -2 * values]), abs=1e-12)
 
 
 def test_straight_lines_are_the_nearest_ones() -> None:

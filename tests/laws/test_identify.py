@@ -16,7 +16,7 @@ from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.identification.local_model import Drive
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus
-from flexgen.identification.time_domain import validate
+from flexgen.identification.time_domain import Simulated, validate
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.reports.identification_page import _parameters
 
@@ -350,10 +350,15 @@ def test_an_experiment_that_does_not_belong_to_the_fit_is_refused():
     other = replace(experiment, plan=replace(plan, poses=plan.poses + 0.1))
     with pytest.raises(ArgumentError, match="given other motors or poses"):
         flexgen.refine(found, other, progress=False)
-    with pytest.raises(ArgumentError, match=r"runs: given 9, expected 1 to 2"):
+    with pytest.raises(ArgumentError, match=r"runs: given 9, expected 1 to 2, the"):
         flexgen.refine(found, experiment, runs=9, progress=False)
     with pytest.raises(ArgumentError, match=r"free: given m1\.inertia, expected stiffness"):
         flexgen.refine(found, experiment, free=["m1.inertia"], progress=False)
+    # The simulation of the experiment: without noise, or with that of a seed.
+    simulated = Simulated(ParameterVector(model, ["delay"]), experiment, [(0, 0, 0)])
+    quiet, one, other = (simulated.spectra(simulated.vector.start, noise=seed) for seed in (None, 1, 2))
+    noise = np.abs(one - other)
+    assert noise.min() > 0.0 and np.abs(quiet - simulated.measured).max() < 8 * noise.max() < np.abs(quiet).max()
 
 
 # --- what it is worth -------------------------------------------------------------------------------------------------

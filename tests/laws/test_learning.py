@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,6 +13,8 @@ import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
 from flexgen.performance.learn import _left_jacobian
+from flexgen.plots.control import plot_learned
+from flexgen.reports.control_page import write_learned
 
 pytestmark = needs_compiler
 
@@ -27,7 +31,12 @@ def test_a_soft_robot_is_learned_in_two_iterations(solution, tmp_path):
     assert found.errors_m[0] > 1.5e-3 and found.errors_m[2] <= 2e-5
     assert found.best == int(np.argmin(found.errors_m))
     assert found.trajectory["q_a"].shape[1] == 3
+    before, after = plot_learned(found).get_axes()[1].get_lines()[:2]
+    assert max(before.get_ydata()) == pytest.approx(1e3 * found.errors_m[0])
+    assert max(after.get_ydata()) == pytest.approx(1e3 * found.errors_m[found.best])
     page = found.report(tmp_path / "page").read_text()
+    alone = replace(found, runs=found.runs[:1], corrections=found.corrections[:1], best=0)
+    assert "0, best" in write_learned(alone, tmp_path / "alone").read_text()
     assert "iteration" in page and (tmp_path / "page" / "learning.png").exists()
 
 

@@ -10,7 +10,7 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.laws.loop_shaping import coprime_controller, linear_plant, pade, series
+from flexgen.laws.loop_shaping import LoopShaping, coprime_controller, linear_plant, pade, series
 from flexgen.loop.control import case_controller, control_case, run_case
 from flexgen.loop.controller_files import file_controller
 from flexgen.loop.plants import LocalDynamics
@@ -45,6 +45,16 @@ def test_the_largest_margin_of_integrators(plant, margin):
     """1/s: 1/sqrt 2; 1/s^2: sin(pi/8); both follow from the two Riccati equations by hand."""
     _, gamma = coprime_controller(plant, 1.0 + 1e-9)
     assert 1 / gamma == pytest.approx(margin, rel=1e-6)
+
+
+@pytest.mark.parametrize("hz", [0.5, 3.0, 40.0, 300.0])
+def test_the_weight_of_the_loop_is_that_of_its_formula(hz):
+    """Inertia times w_c^2, an integral part and a low pass of second order."""
+    law, s = LoopShaping(20.0, integral_hz=2.0, low_pass_hz=100.0), 2j * np.pi * hz
+    w_c, w_i, w_l = 2 * np.pi * np.array([20.0, 2.0, 100.0])
+    expected = w_c**2 * (1 + w_i / s) * w_l**2 / (s**2 + np.sqrt(2) * w_l * s + w_l**2)
+    found = response(law._shape(np.array([0.3, 0.7])), 2 * np.pi * hz)
+    assert np.allclose(found, expected * np.diag([0.3, 0.7]), rtol=1e-9, atol=0)
 
 
 @pytest.mark.parametrize("factor", [1.05, 1.3])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 from toolchain import needs_compiler
 
 import flexgen
@@ -14,7 +15,8 @@ from flexgen.inversion.bounds import Limits
 from flexgen.mechanics.equations import derive
 from flexgen.paths import path as paths
 from flexgen.paths.time_laws import SplineLaw
-from flexgen.performance.rigid_time import rigid_time
+from flexgen.performance import time_search
+from flexgen.performance.rigid_time import _extreme, rigid_time
 
 pytestmark = needs_compiler
 
@@ -142,3 +144,39 @@ def test_wrong_arguments_are_refused(arguments, words):
 def test_limits_below_the_weight_are_refused():
     with pytest.raises(SolverError, match="cannot be kept on this path at any speed"):
         flexgen.fastest("planar5_nmp", limits=Limits(torque=(2.0, 2.0)), progress=False)
+
+
+def test_the_largest_speed_at_a_point_is_that_of_a_linear_program():
+    """Random torques with and without a solution; the largest squared speeds are between 0 and 100, most below 1."""
+    rng, found = np.random.default_rng(4), []
+    for _ in range(25):
+        a, b, g = rng.normal(size=(3, 3))
+        b, torque, after = 10 ** rng.uniform(-1, 2) * b, rng.uniform(0.5, 2.0, 3), float(rng.uniform(0.1, 5.0))
+        rows = np.array([*np.stack([a, b], 1), *np.stack([-a, -b], 1), [0.2, 1.0], [-0.2, -1.0]])
+        right = np.concatenate([torque - g, torque + g, [after, 0.0]])
+        best = linprog([0.0, -1.0], A_ub=rows, b_ub=right, bounds=[(None, None), (0.0, 100.0)])
+        own = _extreme(a, b, g, torque, 100.0, 0.1, after)
+        assert (own is None) == (best.x is None)
+        if own is not None:
+            assert own == pytest.approx(best.x[1], rel=1e-6, abs=1e-9)
+            found.append(own)
+    assert 5 < len(found) < 25 and 0.0 < min(found) < 0.1
+
+
+def test_no_step_has_less_vibration_than_that_of_the_linear_program():
+    """Against random steps that keep the order of the nodes: the cost is computed here."""
+    rng, trust = np.random.default_rng(5), 0.1
+    x = np.concatenate([[2.0], np.linspace(0.0, 1.0, 5)[1:-1]])
+    for _ in range(5):
+        g, s = rng.uniform(0.8, 1.3, 4) * rng.choice([-1, 1], 4), rng.uniform(-2.0, 2.0, 6)
+        G = rng.normal(size=(10, 3)) * 3
+
+        def cost(step, g=g, s=s, G=G):
+            change = G @ step
+            over = np.maximum(np.abs(g + change[:4]).max() - 1, 0.0)
+            return np.abs(s + change[4:]).max() + time_search.CALM * over
+
+        own = time_search.TimeSearch._calm_program(None, x, g, s, G, trust)
+        assert np.abs(own).max() <= trust + 1e-9 and np.diff([0.0, *(x[1:] + own), 1.0]).min() >= -1e-9
+        assert cost(own) < cost(np.zeros(3))
+        assert all(cost(own) <= cost(step) + 1e-9 for step in rng.uniform(-trust, trust, (300, 3)))

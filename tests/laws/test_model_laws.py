@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.laws.bound import BoundLaw
 from flexgen.laws.chain import chain_gains, largest_eigenvalue, largest_frequency
+from flexgen.laws.state_lq import LQ
 from flexgen.laws.study import ARM
 from flexgen.loop.control import case_controller, control_case, run_case
 from flexgen.loop.interface import PythonController
@@ -375,6 +377,24 @@ def test_computed_torque_with_rigid_gears_is_refused_where_it_is_unstable(axes):
         case_controller(case, flexgen.ComputedTorque(100.0))
     assert float(str(error.value).split("at most ")[1].split()[0]) == pytest.approx(bound, rel=5e-3)
     assert run(case, flexgen.ComputedTorque(4.0)).status == "done"
+
+
+def test_the_state_gain_is_that_of_the_exact_state_or_of_differences_of_angles():
+    """A gain of random numbers, without torques under way: u = K (x_ref - x), each channel for itself."""
+    model, rng = arm(), np.random.default_rng(3)
+    n_a, n_m = model.n_a, model.n_m
+    K = rng.normal(size=(n_m, 2 * (n_a + n_m)))
+    motion = SimpleNamespace(model=model, sample_s=H, exact_state=True, state_channel=5)
+    _, _, C, D = LQ()._part(K, motion, None, 5 + 2 * (n_a + n_m))
+    q_a, v_a, q_m, v_m = (rng.normal(size=n) for n in (n_a, n_a, n_m, n_m))
+    measured = np.concatenate([rng.normal(size=5), q_a, v_a, q_m, v_m])
+    assert C.shape[1] == 0 and np.allclose(D @ measured, K @ np.concatenate([q_a, q_m, v_a, v_m]), rtol=1e-12)
+    motion.exact_state = False
+    A, B, C, D = LQ()._part(K, motion, np.arange(n_m, n_m + n_a), n_m + n_a)
+    last = np.concatenate([q_a, q_m]) - H * np.concatenate([v_a, v_m])  # the state: angles at the last sample
+    expected = K @ np.concatenate([q_a, q_m, v_a, v_m])
+    assert np.allclose(C @ last + D @ np.concatenate([q_m, q_a]), expected, rtol=1e-9)
+    assert not A.any() and np.array_equal(B @ np.concatenate([q_m, q_a]), np.concatenate([q_a, q_m]))
 
 
 def test_late_link_encoders_are_refused():

@@ -13,6 +13,7 @@ from identification_cases import NOISY, poses_of, without_coulomb
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.outputs import channels
@@ -153,6 +154,7 @@ def test_measured_responses_of_sensors_are_those_of_the_linear_model() -> None:
     model = planar(quiet=True)
     plan = flexgen.excite(model, poses=poses_of(model, 2), speed_rms=0.005, f_max=100.0)
     experiment = flexgen.measure(plan, model)
+    assert Experiment.from_data(*experiment.data()).orders == experiment.orders == (0, 0, 1, 2)
     found = flexgen.frf(experiment)
     local = LocalModel(model, (), found.sensors)
     exact = local.response(local.values, found.poses, found.w, Drive(plan.hardware.sample_s), derivatives=False).G

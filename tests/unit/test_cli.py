@@ -649,3 +649,21 @@ def test_run_and_reports(ask, run, tmp_path, monkeypatch):
     assert status == 0 and Path(data["report"]).is_file()
     status, data, _ = ask("analyze", "planar5_nmp", "--report", "a")
     assert status == 0 and "<svg" in Path(data["report"]).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("last", [1, 2])
+def test_of_several_moves_those_before_an_interruption_are_given(last, monkeypatch, capsys):
+    told = []
+
+    def one(args, equations, move, *_):
+        told.append(move.name)
+        if len(told) == last:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        return result.VerbResult({"move": move.name}, move.name, interrupted=len(told) == last)
+
+    monkeypatch.setattr("flexgen.cli.verbs.solve._solve_one", one)
+    assert main(["solve", "elbow", "--move", "line", "--move", "joints", "--json", "-q"]) == 130
+    assert (
+        [row["move"] for row in json.loads(capsys.readouterr().out)["solutions"]] == told == ["line", "joints"][:last]
+    )

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
+from types import SimpleNamespace
 
 import pytest
 from toolchain import needs_compiler
 
+from flexgen.benchmarks.scenario_file import scenario
 from flexgen.cli.main import main
+from flexgen.cli.printing import duration
 
 pytestmark = needs_compiler
 
@@ -80,3 +84,31 @@ def test_tune_writes_a_controller(tmp_path, capsys):
     assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(out)]) == 0
     assert "evaluations" in capsys.readouterr().out and 'type = "cascade"' in out.read_text()
     assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(tmp_path / "mine.json")]) == 1
+
+
+@pytest.mark.parametrize(("report", "pages"), [(None, 0), ("page", 1)])
+def test_a_score_writes_a_page_where_one_is_asked(tmp_path, capsys, monkeypatch, report, pages):
+    written, parts = [], dict.fromkeys(["nominal", *scenario("four_mass").sets], 1.0)
+    found = SimpleNamespace(
+        controller="reference",
+        total=1.5,
+        worst=1.5,
+        spread=0.0,
+        parts=parts,
+        accepted=True,
+        refused=(),
+        rule="",
+        table=[defaultdict(str)],
+    )
+    found.to_dict, found.report = dict, lambda folder: written.append(folder) or folder
+    monkeypatch.setattr("flexgen.benchmarks.score.score", lambda *_, **__: found)
+    words = ["score", "four_mass", "-q", *(["--report", str(tmp_path / report)] if report else [])]
+    assert main(words) == 0 and len(written) == pages
+    assert ("wrote" in capsys.readouterr().out) == bool(pages)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.2, "1 s"), (4.4, "4 s"), (99.0, "99 s"), (150.0, "2 min"), (7000, "117 min")]
+)
+def test_durations_are_given_in_seconds_then_in_minutes(seconds, text):
+    assert duration(seconds) == text

@@ -11,6 +11,7 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.cli.main import main
+from flexgen.errors import ArgumentError
 
 pytestmark = needs_compiler
 
@@ -142,3 +143,15 @@ def test_a_start_is_a_number(folder, capsys):
 def test_data_of_another_robot_are_refused(folder, capsys):
     status, printed = run(capsys, "identify", "manutec_r3", folder / "frf.npz")
     assert status == 1 and "data: given the motors m1, m2, expected" in printed.err
+
+
+def test_drives_have_no_noise_delay_or_resolution_where_none_is_given(capsys, monkeypatch, tmp_path):
+    def plan(model, hardware, **_):
+        raise ArgumentError(f"{hardware.delay_s} {hardware.encoder_noise_rad} {hardware.encoder_resolution_rad} "
+                            f"{hardware.torque_noise_Nm} {hardware.sample_s}")  # fmt: skip
+
+    monkeypatch.setattr("flexgen.identification.experiments.plan.excite", plan)
+    words = ["excite", "planar5_nmp", "-q", "--out", tmp_path / "plan.npz"]
+    assert "0.0 0.0 0.0 0.0 0.0005" in run(capsys, *words)[1].err
+    given = ["--delay", "1e-4", "--encoder-noise", "0.2", "--encoder-resolution", "0.3", "--torque-noise", "0.4"]
+    assert "0.0001 0.2 0.3 0.4 0.0005" in run(capsys, *words, *given)[1].err

@@ -366,3 +366,11 @@ def test_a_result_that_is_never_finite_has_an_error_status(tmp_path):
     library = small(function_of(ca.SX.inf(), A), tmp_path)
     status, (y,) = library.point([1.0, 2.0, 3.0, 4.0])
     assert status == -3 and np.isnan(y).all()
+
+
+def test_operations_of_products_are_those_of_their_dot_products():
+    """A symmetric matrix: one triangle; else each has its own number of rows."""
+    S, W, G, U = (Rows(name, 0, count) for name, count in (("S", 3), ("W", 3), ("G", 5), ("U", 5)))
+    below = sum(2 * 5 - 1 for i in range(9) for _ in range(i + 1))
+    assert Products((S, W), (G, U), 9, "M").operations == below + sum(2 * 3 - 1 for i in range(9) for _ in range(i))
+    assert Products((U, G), (G, U), 9, "M").operations == below

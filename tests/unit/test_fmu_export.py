@@ -11,12 +11,14 @@ import zipfile
 from dataclasses import replace
 
 import fmus
+import numpy as np
 import pytest
 
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError, ModelError
 from flexgen.exports.fmu import export as export_module
+from flexgen.exports.fmu.controller import _variables
 from flexgen.exports.fmu.description import element
 
 
@@ -220,3 +222,12 @@ def test_the_command(tmp_path, capsys):
     assert "foo.txt', expected a file .toml" in " ".join(capsys.readouterr().err.split())
     assert main(["export", "fmu", "four_mass", "--block", "robot"]) == 2
     assert main(["export", "fmu", "four_mass", "--out", str(tmp_path)]) != 0
+
+
+def test_the_angles_and_torques_of_a_controller_are_discrete():
+    model = flexgen.read("planar5_nmp")
+    found = _variables(model, np.zeros(2), np.zeros(2), np.zeros((4, 2)))
+    kinds = {v.name.rpartition(".")[2]: v.variability for v in found if v.name.startswith("motor.")}
+    sampled = ("measured_angle", "reference_angle", "feedforward_torque", "torque")
+    assert all(kinds[name] == "discrete" for name in sampled) and len(kinds) > len(sampled)
+    assert not any(kind == "discrete" for name, kind in kinds.items() if name not in sampled)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import flexgen
+from flexgen.lab.bdf import stable_order
 from flexgen.mechanics.equations import BUILDERS
 from flexgen.mechanics.signatures import PORTS, PYTHON_PORTS, PYTHON_TABLE, TABLE
 
@@ -67,3 +68,12 @@ def test_the_page_has_every_function_with_its_arrays():
             assert output + (f" ({', '.join(extents).replace(' * ', ' ')})" if extents else "") in line, (name, output)
         arrays |= {*row.inputs.split(), *row.outputs.split()}
     assert {name for name in arrays if f"| `{name}` |" not in text} == set()
+
+
+@pytest.mark.parametrize("zero", [600j, 200j, -1000.0, -142 + 513j, -3 + 600j, -2000 + 500j])
+def test_bdf_has_order_three_where_its_formula_does_not_grow(zero):
+    """5000 steps of 1 ms from a decaying solution, with the textbook's coefficients."""
+    last = np.exp(zero * 1e-3 * np.arange(3))[::-1]
+    for _ in range(5000):
+        last = np.array([(3 * last[0] - 1.5 * last[1] + last[2] / 3) / (11 / 6 - 1e-3 * zero), *last[:2]])
+    assert stable_order(np.array([zero, np.conj(zero)]), 1e-3) == (3 if np.abs(last).max() <= 1.0 + 1e-6 else 2)

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ import pytest
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.numerics.evaluate import evaluate
+from flexgen.plots.canvas import begin
 from flexgen.reports.motion import FRAMES, motion_data, write_motion
 
 NODE = shutil.which("node")
@@ -56,7 +58,16 @@ def test_the_poses_are_those_of_the_robot(name):
 def test_deflections_are_exaggerated_by_the_factor():
     equations, solution = solved("planar5_nmp")
     data, model = data_of("planar5_nmp"), equations.model
-    assert data["factor"] > 1
+    begun = begin(solution.trajectory, solution.move.duration)
+    assert data["time"] == pytest.approx(np.linspace(begun, solution.trajectory.time[-1], FRAMES), abs=1e-5)
+    true, twice = (
+        np.array(data["poses"][data["factors"].index(f)]).reshape(FRAMES, -1, 3) for f in data["factors"][:2]
+    )
+    moved = np.linalg.norm(twice - true, axis=2).max() / (data["factors"][1] - 1)
+    largest = 0.08 * np.ptp(true.reshape(-1, 3), axis=0).max() / moved  # of the factor that is shown first
+    steps = np.outer(10.0 ** np.arange(7), [1, 2, 5]).ravel()
+    assert data["factor"] == steps[steps <= largest].max() > 1
+    assert data["factors"] == [1, *steps[(steps > 1) & (steps >= data["factor"] / 10) & (steps <= 2 * data["factor"])]]
     k = FRAMES // 2
     at = solution.trajectory.at(data["time"][k])
     undeflected = np.zeros(model.n_a)
@@ -65,6 +76,16 @@ def test_deflections_are_exaggerated_by_the_factor():
         q = undeflected + factor * (at["q_a"] - undeflected)
         points = evaluate(equations.function("chain_points"), q)[0].reshape(3, -1).T
         assert np.abs(np.array(poses[k]).reshape(-1, 3) - points).max() < 2e-3
+
+
+def test_a_simulated_motion_is_shown_where_there_is_one():
+    equations, solution = solved("planar5_nmp")
+    planned = solution.trajectory
+    still = {name: np.tile(planned[name][0], (len(planned.time), 1)) for name in ("q_a", "q_m")}
+    other = SimpleNamespace(trajectory=still)
+    data = motion_data(equations, planned, other, solution.move.duration)
+    assert data["simulated"] and np.ptp(np.array(data["poses"][0]), axis=0).max() == 0.0
+    assert not data_of("planar5_nmp")["simulated"] and np.ptp(data_of("planar5_nmp")["poses"][0], axis=0).max() > 0.01
 
 
 def test_rigid_robots_are_not_exaggerated():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.status import Status
 from flexgen.numerics.evaluate import evaluate
 from flexgen.planning import transcribe
+from flexgen.planning.result import _between
 from flexgen.planning.transcribe import Layout
 
 MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
@@ -422,3 +424,10 @@ def test_a_plan_can_be_drawn_reported_and_simulated(planar, tmp_path):
     assert np.abs(again.trajectory["q_a"] - found.simulation.trajectory["q_a"]).max() < 1e-9
     assert found.to_dict()["method"] == "plan" and "planar5_nmp" in str(found)
     assert replace(found, simulation=None).tool_error_max_m is None
+
+
+@pytest.mark.parametrize(("duration", "count"), [(1e-4, 10), (0.04, 20), (10.0, 1000)])
+def test_a_solution_is_checked_each_millisecond_between_its_nodes(duration, count):
+    """At least as often as a torque has samples on an interval, at most 1000 times; the longest interval is a half."""
+    phase = SimpleNamespace(number=1, mesh=SimpleNamespace(h=np.array([0.2, 0.5, 0.3])))
+    assert _between(phase, np.array([9.0, duration])) == pytest.approx((np.arange(count) + 0.5) / count)

@@ -247,6 +247,48 @@ def test_rigid_machine_has_no_deflections():
         figures_of.deflections(equations, solution.trajectory)
 
 
+def test_the_robot_is_drawn_to_scale_until_the_end_of_its_path():
+    equations, solution = solved("planar5_nmp", "line")
+    for end, shown in ((None, solution.move.duration), (0.2, 0.2)):
+        figure = figures_of.robot(equations, solution.trajectory, end=end)
+        (axes,) = figure.get_axes()
+        assert axes.get_aspect() == 1.0 and figure.get_suptitle().endswith(f"0 to {shown:g} s")
+
+
+class Motion(dict):
+    """A trajectory without reference."""
+
+    channels = ()
+
+
+@pytest.mark.parametrize(("simulated", "label"), [(False, "output"), (True, "output, simulated")])
+def test_a_row_of_masses_shows_the_output_of_the_motion_that_is_given(simulated, label):
+    equations, time = flexgen.derive("four_mass@high"), np.linspace(0.0, 0.2, 21)
+    planned, other = (Motion(q_a=k * np.outer(time, np.ones(equations.model.n_a))) for k in (1, 2))
+    planned.time, planned["tau_m"] = time, np.zeros((21, 1))
+    figure = canvas.new_figure(5.0, 3.0, "")
+    simulation = SimpleNamespace(trajectory=other) if simulated else None
+    figures_of._outputs(figure, equations, planned, simulation, 0.2)
+    (axes,) = figure.get_axes()
+    assert [line.get_text() for line in axes.get_legend().get_texts()] == [label]
+    weights = equations.model.output.weights[0]
+    assert axes.get_lines()[0].get_ydata() == pytest.approx((1 + simulated) * time * sum(weights))
+
+
+def test_the_torque_before_the_path_has_a_panel_where_it_acts_early(monkeypatch):
+    equations, solution = solved("planar5_nmp", "line")
+    monkeypatch.setattr(figures_of, "_acts_early", lambda trajectory, analysis: analysis is not None)
+    analysis = SimpleNamespace(zeros=SimpleNamespace(unstable_time_constant_s=5e-3))
+    titles = [
+        [
+            axes.get_title(loc="left")
+            for axes in figures_of.torques(equations, solution.trajectory, analysis=x).get_axes()
+        ]
+        for x in (analysis, None)
+    ]
+    assert ["torque before the path starts at t = 0" in found for found in titles] == [True, False]
+
+
 @pytest.mark.slow
 def test_machines_without_extent_show_their_output():
     equations, solution = solved("four_mass@high", "step")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import flexgen
 from flexgen.errors import SolverError
 from flexgen.inversion.methods.collocation import collocate
 from flexgen.inversion.motor_side import deflections
+from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import residual_rows
 from flexgen.inversion.status import Status
@@ -151,3 +153,9 @@ def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nlp, "_violation", lambda *bounds: 1.0)
     with pytest.raises(SolverError, match="Solve_Succeeded"):
         flexgen.solve("planar5_mp", method="collocation", mesh=0.005)
+
+
+@pytest.mark.parametrize(("duration", "step"), [(4.0, 1e-3), (0.4, 1e-3), (0.2, 5e-4), (0.01, 2.5e-5)])
+def test_a_torque_has_a_sample_each_millisecond_and_at_least_400(duration: float, step: float) -> None:
+    path = SimpleNamespace(duration=duration)
+    assert InversionProblem.step.fget(SimpleNamespace(path=path)) == pytest.approx(step, rel=1e-12)  # type: ignore

@@ -22,6 +22,7 @@ from flexgen.mechanics.equations import derive
 from flexgen.model import elements as nouns
 from flexgen.model.inertia import mass_matrix, massless_coordinates
 from flexgen.model.reader import read
+from flexgen.model.urdf import Urdf
 
 HERE = Path(__file__).parents[1] / "support"
 TWO_LINK = HERE / "urdf" / "two_link.urdf"
@@ -457,6 +458,16 @@ def test_bad_urdf_is_refused(case, arm):
     urdf = edit(arm.with_name("arm.urdf"), *edits)
     arm.write_text('[urdf]\nfile = "arm.urdf"\nbase = "world"\ntip = "tip"\nlock = ["finger"]\n')
     refused(arm, key, words, "<!--!-->", urdf.read_text(encoding="utf-8"), urdf)
+
+
+def test_a_urdf_file_as_a_whole_is_refused_without_a_line(tmp_path, monkeypatch):
+    with pytest.raises(ModelError, match=f"{tmp_path}:0:file: given a file that cannot be read"):
+        Urdf(tmp_path, str(tmp_path))
+    file = tmp_path / "large.urdf"
+    file.write_text("<robot/>")
+    monkeypatch.setattr("flexgen.model.urdf.SIZE_MAX", 3)
+    with pytest.raises(ModelError, match=r"large\.urdf:0:file: given more than 3 bytes"):
+        Urdf(file, str(file))
 
 
 @pytest.mark.parametrize("case", BAD_OVERLAY)

@@ -283,3 +283,16 @@ def test_no_zeros_along_a_path_without_as_many_outputs_as_motors() -> None:
     with pytest.raises(ArgumentError, match="2 poses or more"):
         full = flexgen.derive("planar5_mp")
         zero_path(full, Path(full, full.model.move()), n=1)
+
+
+def test_the_quasistatic_motion_keeps_the_output_on_its_path():
+    """The velocity and acceleration of the output by differences along the motion, in equal steps of its parameter."""
+    equations = flexgen.derive("planar5_nmp")
+    path, output, h = flexgen.plan(equations), equations.function("output"), 1e-4
+    t = path.duration * np.array([0.3, 0.5, 0.7])
+    q, v, a = quasistatic_motion(equations, path, t)
+    sample = path.sample(t)
+    y = [evaluate(output, q + s * h * v + (s * h) ** 2 / 2 * a)[0].reshape(3, -1) for s in (-1, 0, 1)]
+    for k, found in enumerate((y[1], (y[2] - y[0]) / (2 * h), (y[2] - 2 * y[1] + y[0]) / h**2)):
+        expected = sample.derivative(k)[:, : found.shape[1]]
+        assert np.abs(found - expected).max() < 1e-3 * np.abs(expected).max()
