@@ -10,7 +10,7 @@ _INCLUDE = '#include "'
 MATHEMATICS = "#else /* the mathematics */"  # the line of a source after which it is
 
 
-def amalgamated(name: str, files: Mapping[str, str]) -> dict[str, str]:
+def merge_files(name: str, files: Mapping[str, str]) -> dict[str, str]:
     """The files of a library, with its headers and sources put together.
 
     Parameters
@@ -41,14 +41,14 @@ def amalgamated(name: str, files: Mapping[str, str]) -> dict[str, str]:
     return {f"{name}.h": header, f"{name}.c": text, "example.c": example}
 
 
-def _included(line: str) -> str | None:
+def _find_include(line: str) -> str | None:
     """Name of the file that a line includes in quotes, without its folder; None for every other line."""
     return PurePosixPath(line[len(_INCLUDE) :].rstrip().rstrip('"')).name if line.startswith(_INCLUDE) else None
 
 
 def _without(text: str, names: set[str]) -> str:
     """A text without the lines that include these files."""
-    return "".join(line for line in text.splitlines(keepends=True) if _included(line) not in names)
+    return "".join(line for line in text.splitlines(keepends=True) if _find_include(line) not in names)
 
 
 class _Merged:
@@ -80,7 +80,7 @@ class _Merged:
             self._seen.add(file)
         out = []
         for line in text.splitlines(keepends=True):
-            included = _included(line)
+            included = _find_include(line)
             if included is None:
                 out.append(line)
             elif included not in self._public:

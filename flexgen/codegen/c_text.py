@@ -20,7 +20,7 @@ def comment(text: str, indent: str = " * ") -> str:
     )
 
 
-def quoted(text: str) -> str:
+def quote(text: str) -> str:
     """A C string literal; whatever is not plain is written in octal."""
     plain = (
         chr(b) if (chr(b).isascii() and chr(b).isalnum()) or chr(b) in " .,:;/^_()*-+" else f"\\{b:03o}"
@@ -80,6 +80,6 @@ def port_table(f: FunctionSpec) -> str:
     )
 
 
-def numbered(names: Iterable[str], units: Iterable[str]) -> str:
+def number_names(names: Iterable[str], units: Iterable[str]) -> str:
     """A list of names and units, numbered from 0."""
     return ", ".join(f"{i} {name} [{unit}]" for i, (name, unit) in enumerate(zip(names, units, strict=True)))

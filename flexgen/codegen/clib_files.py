@@ -39,7 +39,7 @@ _LITERAL = re.compile(r"(?<![\w.])(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?![\w.
 
 
 @cache
-def fixed_files() -> dict[str, str]:
+def read_clib() -> dict[str, str]:
     """The texts of ``flexgen/clib/`` by file name."""
     folder = files(FOLDER)
     if not folder.is_dir():
@@ -74,17 +74,17 @@ def kernel_files(name: str, precision: str) -> dict[str, str]:
         Text by file name; no operation or literal of another precision.
     """
     chosen = {file: file for file in KERNEL} | {f"precision_{precision}.h": "precision.h"}
-    if f"precision_{precision}.h" not in fixed_files():
+    if f"precision_{precision}.h" not in read_clib():
         raise BuildError(f"precision: given {precision!r}, expected double or single")
-    return {f"{name}_{new}": render(fixed_files()[file], name) for file, new in sorted(chosen.items())}
+    return {f"{name}_{new}": render(read_clib()[file], name) for file, new in sorted(chosen.items())}
 
 
 def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
     """The private files of the inversion, by name; none where the library has no inversion."""
     if not spec.inverts or spec.motor_constants is None:
         return {}
-    names = sorted(_included({function.file for function in spec.declared_in("inversion") if function.file}))
-    texts = {name: render(fixed_files()[name], spec.name, spec.precision) for name in names}
+    names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
+    texts = {name: render(read_clib()[name], spec.name, spec.precision) for name in names}
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)
@@ -103,12 +103,12 @@ def _together(spec: LibrarySpec, solvers: Mapping[str, str]) -> str:
     return f"/*\n{head} */\n{body}"
 
 
-def _included(names: set[str]) -> set[str]:
+def _follow_includes(names: set[str]) -> set[str]:
     """These files and all that they include, without those of `KERNEL`."""
-    texts = fixed_files()
+    texts = read_clib()
     more = {name for text in names for name in re.findall(r'#include "model_(\w+\.h)"', texts[text])}
     both = names | ((more & set(texts)) - set(KERNEL))
-    return names if both == names else _included(both)
+    return names if both == names else _follow_includes(both)
 
 
 def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
@@ -117,7 +117,7 @@ def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> 
     limits = "".join(f"#define {macro(spec, row.name)} {row.value} /* {row.doc} */\n" for row in LIMITS)
     enums = "\n".join(_enum(spec, enum) for enum in spec.enums)
     structs = "\n".join(_struct(spec, struct) for struct in spec.structs)
-    functions = "\n".join(described(spec, function) for function in spec.declared_in("inversion"))
+    functions = "\n".join(declare(spec, function) for function in spec.declared_in("inversion"))
     return f"""\
 /*
 {comment(f"{name}: inverse dynamics along a path, written by flexgen. Do not edit.")} *
@@ -234,7 +234,7 @@ def _struct(spec: LibrarySpec, struct: Struct) -> str:
     for field in struct.fields:
         shape = f"{' x '.join(map(_in_brackets, field.extents))} " if field.extents else ""
         unit = f"[{field.unit}] " if field.unit not in ("", "1") else ""
-        text, member = f"{shape}{unit}{field.doc}".strip(), f"    {_declared(spec, field)};"
+        text, member = f"{shape}{unit}{field.doc}".strip(), f"    {_declare_field(spec, field)};"
         if len(member) + len(text) < 110:
             lines.append(f"{member} /* {text} */\n")
         else:
@@ -243,7 +243,7 @@ def _struct(spec: LibrarySpec, struct: Struct) -> str:
     return f"/* {struct.doc} */\ntypedef struct {{\n{''.join(lines)}}} {spec.name}_{struct.name};\n"
 
 
-def described(spec: LibrarySpec, function: CFunction) -> str:
+def declare(spec: LibrarySpec, function: CFunction) -> str:
     """The description and the declaration of a function."""
     rows = [
         (
@@ -262,7 +262,7 @@ def described(spec: LibrarySpec, function: CFunction) -> str:
     if function.returns == "status":
         words += f"{' ' * bool(words)}Stack: at most {stack_bytes(spec)} bytes."
     notes = f" *\n{comment(words)}" if words else ""
-    arguments = ", ".join(_declared(spec, a, sized=True) for a in function.arguments) or "void"
+    arguments = ", ".join(_declare_field(spec, a, sized=True) for a in function.arguments) or "void"
     returned = "int64_t" if function.returns == "size" else f"{spec.name}_{function.returns}"
     prototype = declaration(f"{returned} {spec.name}_{function.name}({arguments})")
     table = f" *\n{table}" if table else ""
@@ -281,7 +281,7 @@ def _in_brackets(extent: str) -> str:
     return f"({extent})" if " " in extent else extent
 
 
-def _declared(spec: LibrarySpec, field: Field, sized: bool = False) -> str:
+def _declare_field(spec: LibrarySpec, field: Field, sized: bool = False) -> str:
     """A member or an argument in C; ``sized``: with the size of an array where it is a constant."""
     const, kind = "const " * field.kind.startswith("const "), field.kind.removeprefix("const ")
     kind = const + (kind if kind.split()[0] in ("int", "int64_t") else f"{spec.name}_{kind}")
@@ -294,7 +294,7 @@ def _declared(spec: LibrarySpec, field: Field, sized: bool = False) -> str:
 def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_motor_constants.h``: numbers of the model as constants."""
 
-    def listed(values: Sequence[float]) -> str:
+    def join(values: Sequence[float]) -> str:
         return f"{{{', '.join(literal(x, spec.precision) for x in values)}}}"
 
     def integers(name: str, size: str, values: Sequence[int]) -> str:
@@ -306,11 +306,11 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
     text += integers("i_e", f"{prefix}_NE", constants.i_e) if constants.i_e else integers("i_e", "1", [0])  # not read
     text += integers("gear_is_rigid", ng, [int(x) for x in constants.gear_is_rigid])
     text += integers("gear_is_linear", ng, [int(x) for x in constants.gear_is_linear])
-    text += _damping(spec, constants, listed)
+    text += _damping(spec, constants, join)
     for name, A, rows, columns in (("eta", constants.eta, nm, ng), ("eta_inverse", constants.eta_inverse, ng, nm)):
-        body = ",\n".join(f"    {listed(row)}" for row in A)
+        body = ",\n".join(f"    {join(row)}" for row in A)
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
-    text += f"static const real rotor_inertia[{nm}] = {listed(constants.rotor_inertia)};\n"
+    text += f"static const real rotor_inertia[{nm}] = {join(constants.rotor_inertia)};\n"
     used = [f for f in spec.functions if f.name in INVERSION]
     space = space_of(spec, written)
     calls = "".join(_call(spec, f, written[f.name].work) + batch_call(spec, f) for f in used)

@@ -31,7 +31,7 @@ _INTERNAL = re.compile(
 
 def function_texts(spec: LibrarySpec) -> dict[str, FunctionText]:
     """The mathematics of every function as C, by name; BuildError where an operation cannot be written."""
-    return {f.name: _written(spec, f) for f in spec.functions}
+    return {f.name: _write(spec, f) for f in spec.functions}
 
 
 def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -> dict[str, str]:
@@ -75,7 +75,7 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
     return files
 
 
-def _written(spec: LibrarySpec, f: FunctionSpec) -> FunctionText:
+def _write(spec: LibrarySpec, f: FunctionSpec) -> FunctionText:
     inputs, outputs = ({port.name: port.size for port in ports} for ports in (f.inputs, f.outputs))
     parameters = "parameters" if spec.parameters and "parameters" in inputs else None
     values = [parameter.value for parameter in spec.parameters]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from flexgen.codegen.c_text import count_of, macro, quoted, size_macro
+from flexgen.codegen.c_text import count_of, macro, quote, size_macro
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
@@ -69,7 +69,7 @@ def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
         lines += f"        {spec.name}_parameters(parameters);\n"
     arguments = ", ".join([*(p.name for p in (*f.inputs, *f.outputs)), *(["work"] if needs_work else [])])
     shows = "".join(
-        f'            show("{p.name}", {quoted(p.unit)}, {p.name}, {size_macro(spec, f.extents[p.name][0])}, '
+        f'            show("{p.name}", {quote(p.unit)}, {p.name}, {size_macro(spec, f.extents[p.name][0])}, '
         f"{size_macro(spec, f.extents[p.name][1]) if len(p.shape) == 2 else 1});\n"
         for p in f.outputs
     )

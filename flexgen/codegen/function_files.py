@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 
 from flexgen.codegen.amalgamation import MATHEMATICS
-from flexgen.codegen.c_text import count_of, macro, prototype, quoted, size_macro
+from flexgen.codegen.c_text import count_of, macro, prototype, quote, size_macro
 from flexgen.codegen.clib_types import CFunction
 from flexgen.codegen.header import tile
 from flexgen.codegen.interface import ABI_VERSION, STATUSES, default_of
@@ -19,7 +19,7 @@ WAYS = 24  # lines that a set of the first cache may hold, about; more results a
 
 def facade(spec: LibrarySpec) -> str:
     """Text of ``<name>.c``: identity and sizes of the library."""
-    cases = "".join(f"    case {macro(spec, s.name)}:\n        return {quoted(s.text)};\n" for s in STATUSES)
+    cases = "".join(f"    case {macro(spec, s.name)}:\n        return {quote(s.text)};\n" for s in STATUSES)
     values = {
         "abi_version": str(ABI_VERSION),
         "sizeof_real": f"(int)sizeof({spec.name}_real)",
@@ -57,7 +57,7 @@ const char *{spec.name}_status_text({spec.name}_status status)
 
 const char *{spec.name}_digest(void)
 {{
-    return {quoted(spec.digest)};
+    return {quote(spec.digest)};
 }}
 
 const char *{spec.name}_interface(void)
@@ -121,7 +121,7 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 #define NAME(suffix) {f.name}_##suffix
 #define PUBLIC(suffix) {spec.name}_{f.name}_##suffix
 #define ARRAYS(INPUT, SHARED, OUTPUT) \\
-{_continued(arrays)}
+{_break_lines(arrays)}
 #define WORK {written.work}
 #define TILE {tile(f, spec.precision)}
 #define RESULTS {results}
@@ -135,7 +135,7 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 """
 
 
-def _continued(text: str) -> str:
+def _break_lines(text: str) -> str:
     """A long line of a macro, in several lines."""
     lines = textwrap.wrap(text.replace(", ", ",\0"), 112, break_long_words=False, break_on_hyphens=False)
     return " \\\n".join(f"    {line}" for line in lines).replace("\0", " ")

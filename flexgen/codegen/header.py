@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from flexgen.codegen.c_text import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
+from flexgen.codegen.c_text import batch_prototype, comment, macro, number_names, port_table, prototype, size_macro
 from flexgen.codegen.clib_types import Status
 from flexgen.codegen.interface import STATUSES
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
@@ -58,7 +58,7 @@ def work_of(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> tuple[int
 def header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>.h``."""
     guard, api = macro(spec, "H"), macro(spec, "API")
-    listed = "".join(comment(line) for line in _manual(spec, _called(spec, written.values())))
+    listed = "".join(comment(line) for line in _manual(spec, _list_calls(spec, written.values())))
     sizes = "".join(
         f"#define {size_macro(spec, name)} {size} /* {SIZES.get(name, name)} */\n" for name, size in spec.sizes.items()
     )
@@ -184,7 +184,7 @@ def _constants(spec: LibrarySpec) -> str:
     lines = ["/* Constants of the model. */"]
     for text, declared, values in arrays:
         start = f"static const {spec.name}_real {spec.name}_{declared} = "
-        lines += [f"/* {text} */", *_filled(start, _initializer(values, spec.precision))]
+        lines += [f"/* {text} */", *_break_lines(start, _initializer(values, spec.precision))]
     return "\n".join(lines) + "\n"
 
 
@@ -194,7 +194,7 @@ def _initializer(values: Sequence[Any], precision: str) -> str:
     return f"{{{', '.join(inner)}}}"
 
 
-def _filled(start: str, values: str) -> list[str]:
+def _break_lines(start: str, values: str) -> list[str]:
     """Lines of a declaration; where they are long they break after a comma."""
     if len(start) + len(values) < 116:
         return [f"{start}{values};"]
@@ -225,7 +225,7 @@ def stack_bytes(written: FunctionText, precision: str) -> int:
     return -(-(written.stack * BYTES[precision] + 1024) // 256) * 256
 
 
-def _called(spec: LibrarySpec, written: Iterable[FunctionText]) -> str:
+def _list_calls(spec: LibrarySpec, written: Iterable[FunctionText]) -> str:
     """What the library calls of others."""
     used = sorted(_LIBM & {name for one in written for name in re.findall(r"F\((\w+)\)", one.text)})
     names = ", ".join(f"{name}f" if spec.precision == "single" else name for name in used)
@@ -237,14 +237,14 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
     name = spec.name
     half = len(spec.states) // 2
     units = [*spec.coordinate_units, *("rad" for _ in range(half - len(spec.coordinates)))]
-    states = numbered(spec.states, [*units, *(f"{unit}/s" for unit in units)])
+    states = number_names(spec.states, [*units, *(f"{unit}/s" for unit in units)])
     lines = [
         f"{name}: equations of motion of an elastic robot, written by flexgen. Do not edit.",
         "",
         "SI units. Matrices are stored by columns. Arm quantities (q_a, v_a, a_a, tau_a) are on the arm side of the "
         "gears and in chain order, motor quantities (q_m, v_m, a_m, tau_m) on the motor side. Indices from 0:",
-        f"  q_a: {numbered(spec.coordinates, spec.coordinate_units)}",
-        f"  q_m: {numbered(spec.motors, ['rad'] * len(spec.motors))}",
+        f"  q_a: {number_names(spec.coordinates, spec.coordinate_units)}",
+        f"  q_m: {number_names(spec.motors, ['rad'] * len(spec.motors))}",
     ]
     if any(f.name == "linearize" for f in spec.functions):
         lines.append(f"  x: {states}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from flexgen.codegen.c_text import comment, macro
-from flexgen.codegen.clib_files import batch_call, described, fixed_files, render, space_of
+from flexgen.codegen.clib_files import batch_call, declare, read_clib, render, space_of
 from flexgen.codegen.kinematic_functions import USED
 from flexgen.codegen.spec import LibrarySpec
 from flexgen.expressions.function_text import FunctionText
@@ -18,7 +18,7 @@ HEADER = "inverse_kinematics"
 def kinematics_header(spec: LibrarySpec) -> str:
     """Text of ``<name>_inverse_kinematics.h``."""
     name, guard = spec.name, macro(spec, "INVERSE_KINEMATICS_H")
-    functions = "\n".join(described(spec, function) for function in spec.declared_in(HEADER))
+    functions = "\n".join(declare(spec, function) for function in spec.declared_in(HEADER))
     return f"""\
 /*
 {comment(f"{name}: the joints at a pose of the tool, written by flexgen. Do not edit.")} */
@@ -49,7 +49,7 @@ extern "C" {{
 def kinematics_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
     """The private files of inverse kinematics, by name; none where the library has none."""
     files = sorted({function.file for function in spec.declared_in(HEADER)})
-    out = {f"{spec.name}_{file}": render(fixed_files()[file], spec.name, spec.precision) for file in files}
+    out = {f"{spec.name}_{file}": render(read_clib()[file], spec.name, spec.precision) for file in files}
     return {f"{spec.name}_kinematic_constants.h": _constants(spec, written), **out} if out else {}
 
 
@@ -58,14 +58,14 @@ def _constants(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     constants, prefix = spec.kinematic_constants, spec.name.upper()
     assert constants is not None
 
-    def listed(kind: str, name: str, size: str, values: Sequence[str]) -> str:
+    def define(kind: str, name: str, size: str, values: Sequence[str]) -> str:
         return f"static const {kind} {name}[{prefix}_{size}] = {{{', '.join(values)}}};\n"
 
-    text = listed("int", "actuated", "NG", [str(i) for i in constants.i_g])
-    text += listed("int", "is_angle", "NA", [str(int(x)) for x in constants.is_rotation])
-    text += listed("int", "spread_around", "NA", [str(int(x)) for x in constants.around])
+    text = define("int", "actuated", "NG", [str(i) for i in constants.i_g])
+    text += define("int", "is_angle", "NA", [str(int(x)) for x in constants.is_rotation])
+    text += define("int", "spread_around", "NA", [str(int(x)) for x in constants.around])
     for name, values in (("spread_lower", constants.lower), ("spread_upper", constants.upper)):
-        text += listed("real", name, "NA", [literal(x, spec.precision) for x in values])
+        text += define("real", name, "NA", [literal(x, spec.precision) for x in values])
     calls = "".join(batch_call(spec, f) for f in spec.functions if f.name in USED)
     return f"""\
 /*

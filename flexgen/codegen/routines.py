@@ -43,10 +43,10 @@ def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tup
         steps = shorter_mass_matrix(equations, "M")
         if steps is not None:
             return Routine(tuple(steps))
-    function = _packed(equations) if name == "mass_matrix_packed" else mathematics_of(equations, name)
+    function = _pack_mass_matrix(equations) if name == "mass_matrix_packed" else mathematics_of(equations, name)
     if PARAMETERS in function.name_in():
         inputs = (*inputs, parameters_port(equations))
-    return Routine((Expressions(checked(name, function, inputs, outputs), pivots="forward_dynamics" in name),))
+    return Routine((Expressions(check_ports(name, function, inputs, outputs), pivots="forward_dynamics" in name),))
 
 
 def _linearize(equations: Any) -> Routine:
@@ -57,9 +57,9 @@ def _linearize(equations: Any) -> Routine:
     ones = tuple(("A", i, n + i) for i in range(n))
     chain = long_chain(equations) if fast_function(equations, "forward_dynamics") is not None else None
     if chain is None:
-        jacobians = expanded("residual_jacobians", mathematics_of(equations, "residual_jacobians"))
+        jacobians = expand("residual_jacobians", mathematics_of(equations, "residual_jacobians"))
         solve = Solve("M_y", "R_y", n, 2 * n + n_m, False, profile(jacobians, "M_y"), blocks, ones)
-        forward = expanded("forward_dynamics", mathematics_of(equations, "forward_dynamics"))
+        forward = expand("forward_dynamics", mathematics_of(equations, "forward_dynamics"))
         return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
     # (lanes beyond the last joint of the accelerations are those of motors; axes are zero there)
     around = around_the_arm(equations)
@@ -85,9 +85,9 @@ def _arm_forward_derivatives(equations: Any) -> Routine:
     blocks = (Block("da_dq", 0, 0, n), Block("da_dv", 0, n, n), Block("da_dtau", 0, 2 * n, n))
     chain = long_chain(equations) if fast_function(equations, "arm_forward_dynamics") is not None else None
     if chain is None:
-        jacobians = expanded("arm_residual_jacobians", mathematics_of(equations, "arm_residual_jacobians"))
+        jacobians = expand("arm_residual_jacobians", mathematics_of(equations, "arm_residual_jacobians"))
         solve = Solve("M", "R_a", n, 2 * n, True, profile(jacobians, "M"), blocks)
-        forward = expanded("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
+        forward = expand("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
         return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
     tau, felt = ca.SX.sym("tau_a", n), ca.SX.sym("bias", 1, n)
     left = ca.Function("left", [tau, felt], [tau.T - felt], ["tau_a", "bias"], ["row_left"])
@@ -102,9 +102,9 @@ def _arm_forward_derivatives(equations: Any) -> Routine:
     )
 
 
-def _packed(equations: Any) -> ca.Function:
+def _pack_mass_matrix(equations: Any) -> ca.Function:
     """The lower triangle of the mass matrix by columns."""
-    full = expanded("mass_matrix", mathematics_of(equations, "mass_matrix"))
+    full = expand("mass_matrix", mathematics_of(equations, "mass_matrix"))
     given = [full.sx_in(i) for i in range(full.n_in())]
     M = full(*given)
     packed = ca.vertcat(*(M[j:, j] for j in range(M.size2())))
@@ -116,7 +116,7 @@ def parameters_port(equations: Any) -> Port:
     return Port(PARAMETERS, (len(equations.parameters),), "mixed", "run-time parameters, listed at the top")
 
 
-def checked(name: str, function: ca.Function, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> ca.Function:
+def check_ports(name: str, function: ca.Function, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> ca.Function:
     """The function as an SX function whose arguments are the ports; BuildError where it is not one."""
     if function.has_free():
         raise BuildError(f"function {name}: given free variables {function.get_free()}, expected none")
@@ -135,10 +135,10 @@ def checked(name: str, function: ca.Function, inputs: tuple[Port, ...], outputs:
                 raise BuildError(
                     f"function {name}, {port.name}: given a {kind_of} {given.shape} array, expected dense {shape}"
                 )
-    return expanded(name, function)
+    return expand(name, function)
 
 
-def expanded(name: str, function: ca.Function) -> ca.Function:
+def expand(name: str, function: ca.Function) -> ca.Function:
     """The function as scalar operations; BuildError where that cannot be."""
     if function.is_a("SXFunction"):
         return function

@@ -203,10 +203,10 @@ class LibrarySpec:
         The loader computes it from the manifest and compares it with what the library says.
         """
 
-        def listed(ports: tuple[Port, ...]) -> str:
+        def join(ports: tuple[Port, ...]) -> str:
             return "".join(f"{port.name}[{','.join(map(str, port.shape))}]" for port in ports)
 
-        lines = [f"{f.name}({listed(f.inputs)})({listed(f.outputs)})\n" for f in self.functions]
+        lines = [f"{f.name}({join(f.inputs)})({join(f.outputs)})\n" for f in self.functions]
         lines += ["parameters for each point\n"] if self.per_point else []
         lines += [f"{signature_of(struct)}\n" for struct in self.structs]
         lines += [f"{function.signature}\n" for function in self.c_functions]
@@ -238,7 +238,7 @@ def library_name(model: RobotModel) -> str:
     return name
 
 
-def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[str, ...]:
+def choose_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[str, ...]:
     """The functions asked for (all that the model has for None), in the order of the table.
 
     ArgumentError for one that is unknown, or that the model does not have.
@@ -296,7 +296,7 @@ def library_spec(
     if precision not in PRECISIONS:
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     model: RobotModel = equations.model
-    names = chosen_functions(functions, model)
+    names = choose_functions(functions, model)
     parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
     sizes = _sizes(model, names, len(parameters))
     coordinates = tuple(c.name for c in model.coordinates)

@@ -112,7 +112,7 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
 
     total += _limits(sizes, kinematics + rows, path, spring + motors, block)
     if n_e:
-        reduced = _reduced(sizes, operations["inversion_jacobians"], block)
+        reduced = _count_reduced(sizes, operations["inversion_jacobians"], block)
         total += _lq(n_e, kinematics + reduced, kinematics + rows, block)
         levels = LEVELS * (kinematics + reduced + LAST * (2 * n_e**3 + 40 * n_e * n_e))
         total += Linear(levels + 4 * (2 * n_e) ** 2, 60 * n_e, 0)
@@ -130,7 +130,7 @@ def _kinematics(sizes: Mapping[str, int], constraint: int, block: int) -> int:
     return block * (KINEMATIC_PASSES * (constraint + refined + inverse + step) + constraint + rates)
 
 
-def _reduced(sizes: Mapping[str, int], jacobians: int, block: int) -> int:
+def _count_reduced(sizes: Mapping[str, int], jacobians: int, block: int) -> int:
     """Operations of the Jacobians of the reduced problem at a block of instants."""
     _, n_g, n_e, _, n_y, _ = _sizes(sizes)
     products = 4 * n_e * n_g * n_y * 2 + 4 * n_e * n_y * n_g * 2

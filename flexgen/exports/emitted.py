@@ -19,7 +19,6 @@ from flexgen.exports.source_folder import folder_of, write_folder
 from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import read
 
 ModelLike = str | Path | RobotModel | Equations
 _KEPT = 4  # libraries that are kept, so that several exports of a model emit it once
@@ -108,20 +107,15 @@ def _option(header: str, name: str, word: str) -> str | None:
 
 def resolved(model: ModelLike) -> Equations:
     """Equations without run-time parameters; ArgumentError for something else."""
-    given = model
-    if isinstance(given, Equations):
-        if given.parameters:
-            names = ", ".join(parameter.name for parameter in given.parameters)
-            raise ArgumentError(
-                f"model: given equations with run-time parameters ({names}), expected numbers; exports have constants: "
-                "give the model, with overrides= where a value differs"
-            )
-        return given
-    if not isinstance(given, RobotModel | str | Path):
+    if not isinstance(model, Equations):
+        return derive(model)
+    if model.parameters:
+        names = ", ".join(parameter.name for parameter in model.parameters)
         raise ArgumentError(
-            f"model: given {type(given).__name__}, expected a model's name or path, a RobotModel or Equations"
+            f"model: given equations with run-time parameters ({names}), expected numbers; exports have constants: "
+            "give the model, with overrides= where a value differs"
         )
-    return derive(given if isinstance(given, RobotModel) else read(given))
+    return model
 
 
 def emitted(model: ModelLike, *, precision: PrecisionName = "double", streams: bool = False) -> Emitted:

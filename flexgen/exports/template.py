@@ -2,7 +2,7 @@
 
 A template is a real file of its language in which ``model_`` and ``MODEL_`` are replaced by the name of the library, as
 in ``flexgen/clib/``, and words in capitals between two @ for a text. What is put in must be safe where it stands: an
-identifier, a number, or a text that `flexgen.codegen.c_text.quoted`, `xml_text` or `yaml_text` has escaped.
+identifier, a number, or a text that `flexgen.codegen.c_text.quote`, `xml_text` or `yaml_text` has escaped.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from pathlib import Path
 from flexgen.errors import BuildError
 from flexgen.library.compiler import Compiler, find_compiler
 from flexgen.library.object_cache import cache_folder, one_at_a_time
-from flexgen.runtime.files import private_copy, trusted_content, trusted_file, trusted_library
+from flexgen.runtime.files import load_verified, private_copy, read_library, verify_file
 
 _ADVICE = "remove it: it is compiled again when it is needed"
 MOST, LIMIT = 256, 128 * 2**20  # modules in the cache, and bytes of all of them
@@ -36,13 +36,13 @@ def c_module(source: Path, option: str = "", *, native: bool = False) -> ctypes.
 
 def load_module(path: Path) -> ctypes.CDLL:
     """Load a module that `compile_module` made, or found; BuildError where others could have changed it."""
-    return trusted_library(trusted_file(path), advice=_ADVICE)
+    return load_verified(verify_file(path), advice=_ADVICE)
 
 
 @contextmanager
 def module_copy(path: Path) -> Iterator[str]:
     """The path of a private copy of such a module, for the loader of CasADi; it ends with the block."""
-    with private_copy(path.name, trusted_content(trusted_file(path), advice=_ADVICE)) as copy:
+    with private_copy(path.name, read_library(verify_file(path), advice=_ADVICE)) as copy:
         yield copy
 
 
@@ -90,7 +90,7 @@ def compile_module(
 def _is_there(made: Path) -> bool:
     """Whether a valid module is in the cache, which marks it as used; neither truncated nor writable by others."""
     with suppress(OSError, BuildError):
-        trusted_content(made)
+        read_library(made)
         os.utime(made)
         return True
     return False

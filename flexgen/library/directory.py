@@ -191,13 +191,13 @@ def install(staged: Path, target: Path, manifest: dict[str, Any], old: Mapping[s
         (staged / file).chmod((staged / file).stat().st_mode & OPEN)
         os.replace(staged / file, target / file)
     kept = {target / file for file in (*manifest["files"], *built)}
-    for path in {*_listed(target, old), *_stale_libraries(target, manifest["name"])} - kept:
+    for path in {*_list_files(target, old), *_stale_libraries(target, manifest["name"])} - kept:
         path.unlink(missing_ok=True)
     with suppress(OSError):
         (target / SOURCES).rmdir()  # where no file is left in it
 
 
-def _listed(target: Path, old: Mapping[str, Any] | None) -> Iterable[Path]:
+def _list_files(target: Path, old: Mapping[str, Any] | None) -> Iterable[Path]:
     return [target / file for file in (*(old or {}).get("files", ()), *libraries(old)) if _FILE.match(file)]
 
 

@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.atomic_files import follow_links
-from flexgen.codegen.amalgamation import amalgamated
+from flexgen.codegen.amalgamation import merge_files
 from flexgen.codegen.c_functions import check_parts
 from flexgen.codegen.clib_types import signature_of
 from flexgen.codegen.digest import model_digest
 from flexgen.codegen.interface import ABI_VERSION, LIMITS, PARTS, STATUSES
-from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, chosen_functions, library_name, library_spec
+from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, choose_functions, library_name, library_spec
 from flexgen.deprecation import renamed
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
@@ -158,7 +158,7 @@ def generate(
     start = time.perf_counter()
     log = progress if callable(progress) else (lambda line: None)
     robot, equations = _resolve(model)
-    names = chosen_functions(functions, robot)
+    names = choose_functions(functions, robot)
     _check_choices(precision, parameters, isa, equations)
     parts = tuple(dict.fromkeys(_names("parts", parts)))
     check_parts(parts, robot, names, precision)
@@ -195,7 +195,7 @@ def generate_parts(
         See `generate`.
     """
     options = {"native": native, "openmp": False, "isa": "native"}
-    names = chosen_functions(functions, model)
+    names = choose_functions(functions, model)
     parts = tuple(part for part in PARTS if part in solvers)
     request = _Request(
         model, None, names, "double", tuple(parameters), False, per_point, options, False, parts, solvers
@@ -322,7 +322,7 @@ def _write_sources(request: _Request, digest: str, log: Callable[[str], None]) -
     if request.solvers is not None and spec.inverts:
         # one header, so that other choices of solvers take the same objects
         texts[f"{name}_inversion.h"] = inversion_header(offered, written)
-    texts = amalgamated(name, texts) if request.amalgamate else texts
+    texts = merge_files(name, texts) if request.amalgamate else texts
     return _manifest(spec, digest, {f: text.work > 0 for f, text in written.items()}), texts
 
 

@@ -104,13 +104,13 @@ class _What:
 
 
 @lru_cache(maxsize=KEPT)
-def _built(key: _Key, what: _What) -> list[Library]:
+def _holder(key: _Key, what: _What) -> list[Library]:
     """Holder of the library of a model, kept by this process."""
     return []
 
 
 def _load(key: _Key, what: _What, progress: Callable[[str], None]) -> Library:
-    holder = _built(key, what)
+    holder = _holder(key, what)
     if not holder:
         model = key.model
         root = cache_folder()

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from flexgen.errors import BuildError
-from flexgen.runtime.files import trusted_bytes, trusted_folder
+from flexgen.runtime.files import read_verified, verify_folder
 
 try:
     import fcntl
@@ -57,7 +57,7 @@ class Objects:
             return False
         key = self._key(source)
         try:
-            entry = trusted_bytes(self.folder / f"{key}.o")
+            entry = read_verified(self.folder / f"{key}.o")
         except (OSError, BuildError):
             return False
         if entry[:_MARK] != _mark(key, entry[_MARK:]):
@@ -86,12 +86,12 @@ class Objects:
         """Hash of everything that the object depends on; the name too, as objects hold it."""
         text = source.read_bytes()
         digest = hashlib.sha256("\0".join([self.identity, *self.flags_of(source.name)]).encode())
-        for name in sorted(self._included(text, source.name)):
+        for name in sorted(self._find_includes(text, source.name)):
             digest.update(name.encode() + b"\0" + hashlib.sha256(self.headers[name]).digest())
         digest.update(source.name.encode() + b"\0" + text)
         return digest.hexdigest()
 
-    def _included(self, text: bytes, source: str) -> set[str]:
+    def _find_includes(self, text: bytes, source: str) -> set[str]:
         """Names of the headers that a text includes, by way of others too; all of them where one is not known."""
         names: set[str] = set()
         texts = [text]
@@ -199,7 +199,7 @@ def _problem(folder: Path) -> str:
     facts = folder.stat()
     if facts.st_uid != os.geteuid() or facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return f"others can write to {folder}"
-    trusted_folder(folder)
+    verify_folder(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
         return f"{folder} cannot be written"
     return ""

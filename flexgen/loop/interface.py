@@ -24,7 +24,7 @@ import numpy as np
 
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.runtime.files import trusted_file, trusted_library
+from flexgen.runtime.files import load_verified, verify_file
 from flexgen.type_checks import checked_result
 
 ABI = 1
@@ -233,7 +233,7 @@ class PlugIn:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         try:
-            self._library = trusted_library(trusted_file(self.path), advice=_ADVICE)
+            self._library = load_verified(verify_file(self.path), advice=_ADVICE)
         except OSError as error:
             raise BuildError(f"{path}: not a shared library of this computer: {error}") from error
         found = {}

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any
 
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.runtime.files import trusted_bytes, trusted_file
+from flexgen.runtime.files import read_verified, verify_file
 
 LIBRARIES = (".so", ".dylib", ".dll")  # files of compiled controllers
 _ADVICE = "use a copy of your own"
@@ -26,7 +26,7 @@ def module_of_file(name: str, path: Path) -> ModuleType:
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # (dataclasses look their module up)
-    exec(compile(trusted_bytes(trusted_file(path), _ADVICE), str(path), "exec"), vars(module))
+    exec(compile(read_verified(verify_file(path), _ADVICE), str(path), "exec"), vars(module))
     return module
 
 

@@ -108,48 +108,29 @@ def describe(
         for error in _invalid_variants(robot).values():
             raise error
     return {
-        "name": robot.name,
-        "variant": robot.variant,
-        "description": robot.description,
+        **_fields(robot, "name", "variant", "description"),
         "source": " ".join(robot.source.split()),
         "file": robot.file,
         **counts(robot),
-        "gravity": list(robot.gravity),
-        "motor_coupling": robot.motor_coupling,
-        "home": list(robot.home),
-        "bodies": [
-            {"name": element.name, "mass": element.body.mass, "com": list(element.body.com)}
-            for element in robot.elements
-        ],
+        **_fields(robot, "gravity", "motor_coupling", "home"),
+        "bodies": [_fields(element, "name") | _fields(element.body, "mass", "com") for element in robot.elements],
         "coordinates": [_coordinate(c) for c in robot.coordinates],
         "motors": [_motor(robot, m) for m in robot.motors],
         "sensors": [
-            {
-                "name": s.name,
-                "type": s.type,
-                "place": s.place,
-                "channels": list(s.channels),
-                "unit": s.unit,
-                "noise": s.noise,
-                "sample_s": s.sample_s,
-                "delay_s": s.delay_s,
-            }
-            for s in robot.sensors
+            _fields(sensor, "name", "type", "place", "channels", "unit", "noise", "sample_s", "delay_s")
+            for sensor in robot.sensors
         ],
         "output": {
-            "type": robot.output.type,
-            "size": robot.output.size,
+            **_fields(robot.output, "type", "size"),
             "axes": robot.output.axes if robot.output.type == "tool_position" else None,
             "weights": [list(row) for row in robot.output.weights] or None,
             "unit": {"combination": robot.output.unit, "tool_pose": "m and rad"}.get(robot.output.type, "m"),
         },
         "moves": [
             {
-                "name": move.name,
-                "type": move.type,
+                **_fields(move, "name", "type"),
                 "duration": move.duration or None,  # None: computed from a profile, a file or steps
-                "smoothness": move.smoothness,
-                "start": list(move.start),
+                **_fields(move, "smoothness", "start"),
                 "end": list(move.end) or None,
                 "displacement": list(move.displacement) or None,
                 "rotation": list(move.rotation) if any(move.rotation) else None,
@@ -158,6 +139,12 @@ def describe(
         ],
         "variants": list(robot.variants),
     }
+
+
+def _fields(item: Any, *names: str) -> dict[str, Any]:
+    """Attributes as JSON types."""
+    values = ((name, getattr(item, name)) for name in names)
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in values}
 
 
 def _friction(law: Friction) -> dict[str, Any] | None:
@@ -170,13 +157,8 @@ def _gear(gear: Gear) -> dict[str, Any]:
 
 def _coordinate(coordinate: Coordinate) -> dict[str, Any]:
     dof = coordinate.dof
-    row: dict[str, Any] = {
-        "name": coordinate.name,
-        "unit": coordinate.unit,
-        "actuated": coordinate.actuated,
-        "element": coordinate.element,
-        "type": "beam mode" if dof is None else dof.type,
-    }
+    row = _fields(coordinate, "name", "unit", "actuated", "element")
+    row["type"] = "beam mode" if dof is None else dof.type
     return row if dof is None else row | _dof(dof)
 
 
@@ -187,22 +169,16 @@ def _dof(dof: Dof) -> dict[str, Any]:
         "spring": None if dof.spring is None else write(JOINT_SPRING, dof.spring),
         "damping": dof.damping if dof.spring is not None else None,
         "friction": _friction(dof.friction),
-        "lower": dof.lower,
-        "upper": dof.upper,
-        "speed_max": dof.speed_max,
-        "acceleration_max": dof.acceleration_max,
+        **_fields(dof, "lower", "upper", "speed_max", "acceleration_max"),
     } | ({"counterbalance": [list(pair) for pair in dof.counterbalance]} if dof.counterbalance else {})
 
 
 def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:
     units = {coordinate.name: coordinate.unit for coordinate in robot.coordinates}
     return {
-        "name": motor.name,
-        "drives": list(motor.drives),
-        "ratio": list(motor.ratio),
+        **_fields(motor, "name", "drives", "ratio"),
         "ratio_unit": [f"rad/{units[name]}" for name in motor.drives],
         "inertia": motor.inertia,
         "friction": _friction(motor.friction),
-        "torque_max": motor.torque_max,
-        "speed_max": motor.speed_max,
+        **_fields(motor, "torque_max", "speed_max"),
     }

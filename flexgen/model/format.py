@@ -136,15 +136,15 @@ LINK = Format(
 def model_schema() -> Schema:
     """The JSON schema of model files and overlays."""
 
-    def named(doc: str, form: Format) -> Schema:
+    def describe(doc: str, form: Format) -> Schema:
         return {"type": "object", "description": doc, "additionalProperties": table_schema(form)}
 
     root = table_schema(MODEL)
     root["properties"] |= {
         "urdf": table_schema(URDF),
-        "joint": named("what a URDF file cannot contain, for each moving joint by its name there", JOINT),
-        "link": named("changes of links, by their name in the URDF file", LINK),
-        "variant": named("named sets of changes, selected with MODEL@variant", VARIANT)
+        "joint": describe("what a URDF file cannot contain, for each moving joint by its name there", JOINT),
+        "link": describe("changes of links, by their name in the URDF file", LINK),
+        "variant": describe("named sets of changes, selected with MODEL@variant", VARIANT)
         | {"propertyNames": {"pattern": IDENTIFIER}},
     }
     needed = root.pop("required")

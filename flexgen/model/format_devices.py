@@ -192,7 +192,7 @@ _ELEMENT = Key(
 _POSITION = Key("position", vector(3), "in the frame of that body (of a tracker: of the tool)", "m", ZERO)
 
 
-def _taken(sensor: Sensor) -> dict[str, Any]:
+def _values(sensor: Sensor) -> dict[str, Any]:
     """The values of the keys of a sensor."""
     axes = [label if label in _AXES else axis for label, axis in zip(sensor.labels, sensor.axes, strict=False)]
     return {
@@ -211,7 +211,7 @@ def _kind(kind: str, doc: str, own: tuple[Key, ...], *place: Key) -> Format:
         Key("sample_s", number(above=0.0), "sample time []; default: that of the drives", "s", None),
         Key("delay_s", number(least=0.0), "time from the motion to the sample", "s", 0.0),
     )
-    return Format(doc, (*own, Key("unit", units, "unit of what the sensor sends"), *place, *shared), _sensor, _taken)
+    return Format(doc, (*own, Key("unit", units, "unit of what the sensor sends"), *place, *shared), _sensor, _values)
 
 
 _ACCELERATION = "acceleration minus gravity at a point of a body"

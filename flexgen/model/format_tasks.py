@@ -108,14 +108,14 @@ OUTPUT = Kinds(
 # --- keys of several tables -------------------------------------------------------------------------------------------
 
 
-def actuated_of(here: Context) -> list[Coordinate]:
+def list_actuated(here: Context) -> list[Coordinate]:
     """The actuated coordinates of the robot."""
     return [c for c in coordinates_of(here.of_file("element")) if c.actuated]
 
 
 def _read_joint_position(table: Table, key: Key, here: Context) -> Vector:
     """The actuated coordinates, which must be within their limits."""
-    actuated = actuated_of(here)
+    actuated = list_actuated(here)
     names = ", ".join(c.name for c in actuated)
     values = table.angles(key.name, [c.unit == "rad" for c in actuated], what=f"the actuated coordinates {names}")
     for c, value in zip(actuated, values, strict=True):
@@ -138,7 +138,7 @@ def joint_position(name: str, doc: str, default: Any = REQUIRED) -> Key:
 
 def joint_factor(table: Table, full: str, stem: str, here: Context) -> float:
     """From the unit of a key of joints to rad; ModelError for degrees of an arm with translations."""
-    if full.endswith("_deg") and not all(c.unit == "rad" for c in actuated_of(here)):
+    if full.endswith("_deg") and not all(c.unit == "rad" for c in list_actuated(here)):
         raise table.fail(full, f"{stem}_rad, because some coordinates are lengths [m]")
     return math.radians(1.0) if full.endswith("_deg") else 1.0
 
@@ -190,7 +190,7 @@ def _read_configuration(table: Table, key: Key, here: Context) -> tuple[int, ...
 
 
 def _read_turns(table: Table, key: Key, here: Context) -> tuple[int, ...]:
-    actuated = actuated_of(here)
+    actuated = list_actuated(here)
     values = table.vector(key.name, len(actuated), what="whole turns of " + ", ".join(c.name for c in actuated))
     if not all(value == int(value) and abs(value) <= MOST_TURNS for value in values):
         raise table.fail(key.name, f"whole numbers from -{MOST_TURNS} to {MOST_TURNS}")
@@ -206,7 +206,7 @@ def _pose_given(table: Table) -> list[str]:
 
 def check_end(table: Table, here: Context) -> None:
     """Raise an error for joints and a pose as the end, and for a pose of an arm that has no six joints."""
-    given, actuated = _pose_given(table), actuated_of(here)
+    given, actuated = _pose_given(table), list_actuated(here)
     if given and table.unit_key("end", required=False) is not None:
         raise table.fail(given[0], "either end or a pose of the tool", "both")
     if given and len(actuated) != 6:

@@ -16,7 +16,7 @@ from flexgen.errors import ModelError
 from flexgen.model.elements import Body
 from flexgen.model.format import JOINT, LINK, URDF
 from flexgen.model.format_robot import BODY, DOF
-from flexgen.model.templates.joint_defaults import EVERY, merged
+from flexgen.model.templates.joint_defaults import EVERY, merge
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
 from flexgen.model.urdf_source import find_urdf
@@ -106,7 +106,7 @@ class _Overlay:
     def chain(self) -> Chain:
         """The chain from base to tip."""
         base, tip = self.ends
-        locked, dropped = self._locked(), self._dropped()
+        locked, dropped = self._read_locked(), self._read_dropped()
         chain = find_chain(self.urdf, base, tip, locked, dropped, self._inertial)
         moving = {segment.joint.name for segment in chain.segments}
         for name in dropped & self._above(tip):
@@ -129,15 +129,15 @@ class _Overlay:
         """Add the keys of ``[joint."*"]`` to the tables of the joints of the chain."""
         if self.every is None:
             return
-        driven = set(self._driven())
+        driven = set(self._find_driven())
         for name in (segment.joint.name for segment in chain.segments):
             own = self.joints.get(name)
             entries = {} if own is None else own.entries
             default = self.every.entries
-            if self._named("joint", name) in driven:  # by a [[motor]] table
+            if self._find_name("joint", name) in driven:  # by a [[motor]] table
                 default = {key: entry for key, entry in default.items() if key != "motor"}
             table = own or self.every
-            self.joints[name] = Table(self.top.file, Entry(merged(default, entries), table.line, table.file), table.key)
+            self.joints[name] = Table(self.top.file, Entry(merge(default, entries), table.line, table.file), table.key)
 
     def _end(self, name: str) -> str:
         link = self.table.text(name)
@@ -152,7 +152,7 @@ class _Overlay:
             link = holder.parent
         return out
 
-    def _locked(self) -> dict[str, float]:
+    def _read_locked(self) -> dict[str, float]:
         """Positions of the joints under ``lock``."""
         locked: dict[str, float] = URDF["lock"].read(self.table, Context())
         movable = [joint.name for joint in self.urdf.joints.values() if joint.type in MOVING]
@@ -161,7 +161,7 @@ class _Overlay:
                 raise self.table.fail("lock", f"{among(name, movable)} instead of {show(name)}")
         return locked
 
-    def _dropped(self) -> frozenset[str]:
+    def _read_dropped(self) -> frozenset[str]:
         names = URDF["drop"].read(self.table, Context())
         for name in names:
             if name not in self.urdf.joints:
@@ -250,13 +250,13 @@ class _Overlay:
 
     def motors(self, chain: Chain) -> list[Entry]:
         """A motor for each joint with a gear, except for joints that a ``[[motor]]`` of the overlay drives."""
-        driven = set(self._driven())
+        driven = set(self._find_driven())
         out = []
         count = 0
         for segment in chain.segments:
             joint, table = segment.joint, self.joints.get(segment.joint.name)
             own = table.table("motor") if table is not None else None
-            name = self._named("joint", joint.name)
+            name = self._find_name("joint", joint.name)
             if table is not None and "spring" in table:
                 if own is not None:
                     raise table.fail("motor", "either a motor or a spring (non-actuated)", "both a motor and a spring")
@@ -291,7 +291,7 @@ class _Overlay:
             out.append(entry)
         return out
 
-    def _driven(self) -> Iterator[str]:
+    def _find_driven(self) -> Iterator[str]:
         """Names of joints that the ``[[motor]]`` tables drive; the reader reports wrong tables."""
         entry = self.top.entries.get("motor")
         for motor in entry.value if entry is not None and isinstance(entry.value, list) else ():
@@ -314,7 +314,7 @@ class _Overlay:
         out["description"] = f"from {show(self.ends[0])} to {show(self.ends[1])} of {Path(file).name}"
         out["gravity"] = [0.0, 0.0, -9.81]
         actuated = [s for s in chain.segments if "spring" not in (self.joints.get(s.joint.name) or ())]
-        out["output"] = {"type": "joint", "joints": [self._named("joint", s.joint.name) for s in actuated]}
+        out["output"] = {"type": "joint", "joints": [self._find_name("joint", s.joint.name) for s in actuated]}
         if "home_deg" not in self.top and "home_rad" not in self.top:
             out["home_rad"] = [self._home(segment) for segment in actuated]
         return {name: wrap(value, table.line, table.file) for name, value in out.items()}
@@ -347,7 +347,7 @@ class _Overlay:
     def _flag(self, table: Table | None, name: str, default: bool) -> bool:
         return table.flag(name) if table is not None and name in table else default
 
-    def _named(self, kind: str, name: str) -> str:
+    def _find_name(self, kind: str, name: str) -> str:
         """Name of a link or joint in the model: ``rename`` of the overlay, else the name in the URDF file."""
         table = (self.joints if kind == "joint" else self.links).get(name)
         if table is not None and "rename" in table:
@@ -369,7 +369,7 @@ class _Overlay:
             _RENAME.read(table, Context())
             return table.entries["rename"]
         node = (self.urdf.joints if kind == "joint" else self.urdf.links)[name].node
-        return Entry(self._named(kind, name), node.line, self.urdf.file)
+        return Entry(self._find_name(kind, name), node.line, self.urdf.file)
 
     def _here(self, value: dict[str, Any], line: int) -> Entry:
         """A table with the position of a line of the URDF file; values that already are Entries stay unchanged."""

@@ -19,7 +19,7 @@ from flexgen.spec import toml_lines
 from flexgen.spec.keys import Context
 from flexgen.spec.keys import read as read_table
 from flexgen.spec.ports import identifier_problem
-from flexgen.spec.tables import Table, closest, entry_name, parse_file, show
+from flexgen.spec.tables import Table, closest, parse_file, part_of, show
 from flexgen.spec.toml_lines import Entry
 from flexgen.type_checks import checked_types
 
@@ -160,17 +160,11 @@ def _walk(root: Entry, dotted: str) -> tuple[Entry, Any]:
     words = dotted.split(".")
     here = root
     for n, word in enumerate(words):
+        key, known = part_of(here, word)
         last = n == len(words) - 1
-        known: list[str] = []
-        key: Any = word
-        if isinstance(here.value, list):
-            names = [entry_name(entry) for entry in here.value]
-            known = [name for name in names if name]
-            key = names.index(word) if word in known else None
-        elif isinstance(here.value, dict):
-            known = list(here.value)
-            key = word if last or word in known else None
-        if key is None or not isinstance(here.value, (list, dict)):
+        if last and isinstance(here.value, dict):
+            return here, word
+        if key is None:
             raise _NoSuchPath(f"{closest(word, known)} instead of {show(word)}")
         if last:
             return here, key

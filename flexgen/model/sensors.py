@@ -1,15 +1,4 @@
-"""Sensors of a robot in addition to the motor encoders, and their tables in a model file.
-
-    [[sensor]]
-    name = "acc"
-    type = "accelerometer"              gyro, link_encoder, tracker
-    element = "arm2"                    whose body carries it; "tool"
-    position = [0.1, 0.0, 0.0]          in the frame of that body [m]
-    axes = ["x", "z"]                   measured directions in that frame: x, y, z or vectors; default all three
-    unit = "m/s^2"                      of what it sends
-    noise = 0.02                        standard deviation of a sample
-    sample_s = 5e-4                     default: as the drives
-    delay_s = 0.0                       from the motion to the sample
+"""Sensors of a robot in addition to the motor encoders.
 
 An accelerometer measures the specific force, acceleration minus gravity. A link encoder measures one arm coordinate
 (``coordinate = "q1"``), a tracker the position of a point of the tool in the world.

@@ -66,7 +66,7 @@ class Inertial:
     inertia: np.ndarray
     reduced: bool = False  # the principal moments need not satisfy the triangle inequality
 
-    def seen_from(self, pose: Pose) -> Inertial:
+    def express_in_parent(self, pose: Pose) -> Inertial:
         """The same body, expressed in the parent of the frame with this pose."""
         R = pose.rotation
         return Inertial(self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T, self.reduced)
@@ -140,7 +140,7 @@ class Urdf:
             self.fail(
                 root.line, "file", f"the element {show(root.tag)}", "a URDF file, which starts with <robot name=...>"
             )
-        self._spelled(root, "robot")
+        self._check_spelling(root, "robot")
         self.name = self._attribute(root, "robot", "name")
         self.links: dict[str, Link] = {}
         self.joints: dict[str, Joint] = {}
@@ -183,7 +183,7 @@ class Urdf:
 
     def _joint(self, node: Node, name: str) -> Joint:
         here = key("joint", name)
-        self._spelled(node, here)
+        self._check_spelling(node, here)
         kind = self._attribute(node, here, "type")
         if kind not in TYPES:
             self.fail(node.line, f"{here}.type", show(kind), among(kind, TYPES))
@@ -225,7 +225,7 @@ class Urdf:
 
     # --- checked access -----------------------------------------------------------------------------------------------
 
-    def _spelled(self, node: Node, here: str) -> None:
+    def _check_spelling(self, node: Node, here: str) -> None:
         """Raise an error for an element with a misspelled name; extensions are ignored."""
         known = _CHILDREN[node.tag]
         odd = {child.tag: child for child in reversed(node.children) if child.tag not in known}
@@ -344,12 +344,12 @@ class Urdf:
         ``reduced``: the largest principal moment may exceed the sum of the other two.
         """
         where = key("link", link.name)
-        self._spelled(link.node, where)
+        self._check_spelling(link.node, where)
         node = self._child(link.node, where, "inertial")
         if node is None:
             return None
         here = f"{where}.inertial"
-        self._spelled(node, here)
+        self._check_spelling(node, here)
         parts = {tag: self._child(node, here, tag) for tag in ("mass", "inertia")}
         for tag, part in parts.items():
             if part is None:

@@ -76,7 +76,7 @@ def find_chain(
             origin, here, bodies = here @ urdf.origin(step), identity_pose(), []
             _check_type(urdf, step)
         if joint is not None:
-            bodies += _fixed_to(urdf, step.child, here, on_path, locked, dropped, inertial)
+            bodies += _collect_fixed(urdf, step.child, here, on_path, locked, dropped, inertial)
     if joint is None:
         line = urdf.links[tip].node.line
         given = f"no moving joint between {show(base)} and {show(tip)}"
@@ -142,7 +142,7 @@ def _check_type(urdf: Urdf, joint: Joint) -> None:
         urdf.fail(line, f"{key('joint', joint.name)}.mimic", given, f"independent joints {lock}")
 
 
-def _fixed_to(
+def _collect_fixed(
     urdf: Urdf,
     name: str,
     pose: Pose,
@@ -158,7 +158,7 @@ def _fixed_to(
         name, pose = todo.pop()
         body = inertial(urdf.links[name])
         if body is not None:
-            out.append(body.seen_from(pose))
+            out.append(body.express_in_parent(pose))
         for joint in urdf.child_joints[name]:
             if joint.name in on_path or joint.name in dropped:
                 continue

@@ -32,7 +32,7 @@ def find_urdf(table: Table, folder: Path) -> tuple[Path, str]:
     from flexgen.model.format import URDF
 
     text: str = URDF["file"].read(table, Context())
-    path = located(text, folder)
+    path = locate(text, folder)
     if path is None:
         expected = f"a file of a package found in {SEARCHED}" if text.startswith(PACKAGE) else "the path of a URDF file"
         raise table.fail("file", expected, f"{show(text)}, which is not a file")
@@ -48,7 +48,7 @@ def source_files(model_file: str) -> list[Path]:
         As in `RobotModel.file`.
     """
     head, _, _ = model_file.rpartition("#")
-    own = located(head if _is_urdf(head) else model_file, Path()) if model_file else None
+    own = locate(head if _is_urdf(head) else model_file, Path()) if model_file else None
     if own is None:
         return []
     try:
@@ -56,11 +56,11 @@ def source_files(model_file: str) -> list[Path]:
     except (OSError, ValueError):  # it changed since it was read
         table = None
     text = table.get("file") if isinstance(table, dict) else None
-    under = located(text, own.parent) if isinstance(text, str) else None
+    under = locate(text, own.parent) if isinstance(text, str) else None
     return [own] if under is None else [own, under]
 
 
-def located(text: str, folder: Path) -> Path | None:
+def locate(text: str, folder: Path) -> Path | None:
     """The regular file with this path or package URL, or None."""
     try:
         path = _in_package(text) if text.startswith(PACKAGE) else folder / text
@@ -119,7 +119,7 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
     for what, name in (("base", base), ("tip", tip)):
         if not isinstance(name, (str, type(None))):
             raise ArgumentError(f"{what}: given {name!r}, expected the name of a link")
-    path = located(file, Path())
+    path = locate(file, Path())
     if path is None:
         where = f" below {SEARCHED}" if file.startswith(PACKAGE) else ""
         raise ArgumentError(f"model: given {file!r}, which is not a file{where}, expected the path of a .urdf file")

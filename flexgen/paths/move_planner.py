@@ -33,7 +33,7 @@ def wrong(where: Where | None, name: str, key: str, given: object, expected: str
     """The error to raise for a key of a move; it names file and line if the move is from a file."""
     if where is None:
         return ArgumentError(f"{name}: given {key} {given}, expected {expected}")
-    path, line = where.found(key)
+    path, line = where.find(key)
     return ModelError(where.file, line, path, str(given), expected)
 
 

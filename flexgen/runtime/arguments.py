@@ -16,9 +16,7 @@ _SINGLE = np.dtype(np.float32)
 _byte_of: Callable[[Any], ctypes.c_char] = ctypes.c_char.from_buffer
 
 
-def bound(
-    function: str, ports: Sequence[Port], args: tuple[Any, ...], named: dict[str, Any], default: Any
-) -> list[Any]:
+def bind(function: str, ports: Sequence[Port], args: tuple[Any, ...], named: dict[str, Any], default: Any) -> list[Any]:
     """Arguments in the order of the ports; parameters that are not given are those of the model."""
     names = [port.name for port in ports]
     given = dict(zip(names, args, strict=False))
@@ -49,7 +47,7 @@ def numbers(function: str, port: Port, x: Any) -> np.ndarray:
     return array
 
 
-def converted(x: np.ndarray, real: np.dtype, order: Any = "K") -> np.ndarray:
+def convert(x: np.ndarray, real: np.dtype, order: Any = "K") -> np.ndarray:
     """The numbers in the library's precision; what is too large for it becomes infinite, which C notices."""
     if x.dtype == real and x.flags.aligned and (order == "K" or x.flags.f_contiguous):
         return x
@@ -87,17 +85,17 @@ def count_of_points(
     return count
 
 
-def stored(port: Port, x: np.ndarray, count: int, real: np.dtype, shared: str = PARAMETERS) -> np.ndarray:
+def store(port: Port, x: np.ndarray, count: int, real: np.dtype, shared: str = PARAMETERS) -> np.ndarray:
     """The array as the batch reads it, a structure of arrays: entry after entry, in each the points side by side.
 
     That is the order of Fortran for the shape ``(N, n)`` or ``(N, rows, columns)``; an array that has it is not copied.
     """
     if x.shape != port.shape:
-        return x if x.dtype is real and x.flags.f_contiguous and x.flags.aligned else converted(x, real, "F")
+        return x if x.dtype is real and x.flags.f_contiguous and x.flags.aligned else convert(x, real, "F")
     if port.name == shared:
-        return np.ascontiguousarray(converted(x, real))
+        return np.ascontiguousarray(convert(x, real))
     held = np.empty((count, *port.shape), real, order="F")
-    held[...] = converted(x, real)
+    held[...] = convert(x, real)
     return held
 
 
@@ -165,7 +163,7 @@ def refuse_not_finite(function: str, ports: Sequence[Port], arrays: Sequence[np.
     """ArgumentError that tells the first point with an entry that is not finite, and which; nothing without one."""
     found: list[tuple[int, str, Any]] = []
     for port, x in zip(ports, arrays, strict=True):
-        bad = np.argwhere(~np.isfinite(converted(x, real)))
+        bad = np.argwhere(~np.isfinite(convert(x, real)))
         if bad.size:
             at = tuple(int(k) for k in bad[0])
             found.append((at[0] if x.ndim > len(port.shape) else 0, f"{port.name}[{', '.join(map(str, at))}]", x[at]))

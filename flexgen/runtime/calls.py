@@ -9,26 +9,26 @@ from __future__ import annotations
 
 import ctypes
 from collections import namedtuple
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import (
     PARAMETERS,
     address,
-    bound,
+    bind,
     count_of_points,
     numbers,
     refuse_not_finite,
     refuse_overlap,
     results,
-    stored,
+    store,
 )
-from flexgen.runtime.files import AGAIN
+from flexgen.runtime.structs import Failures, closed_error, failure_of
 from flexgen.spec.ports import Port
 from flexgen.type_checks import checked_types
 
@@ -66,7 +66,7 @@ class _Closed:
         self.library = library
 
     def pop(self) -> _Buffers:
-        raise ArgumentError(f"{self.library}: given a library that was closed, expected an open one; load it again")
+        raise closed_error(self.library)
 
     def append(self, buffers: _Buffers) -> None:
         """The call that used them began before the library was closed."""
@@ -108,7 +108,7 @@ class Function:
         outputs: tuple[Port, ...],
         entries: Entries,
         real: np.dtype,
-        failures: Mapping[int, tuple[type[FlexgenError], str]],
+        failures: Failures,
         parameters: np.ndarray | None,
         again: tuple[Callable[..., Any], tuple[Any, ...]],
         shared: str = PARAMETERS,
@@ -159,7 +159,7 @@ class Function:
             if not named and len(args) == self._required:
                 args = (*args, self._parameters)
             else:
-                args = tuple(bound(self.name, self.inputs, args, named, self._parameters))
+                args = tuple(bind(self.name, self.inputs, args, named, self._parameters))
         pool, real = self._pool, self._real
         try:
             buffers = pool.pop()
@@ -175,7 +175,7 @@ class Function:
             pool.append(buffers)
             self._fail(status, args)
         if out is not None:
-            result = self._copied(buffers, out)
+            result = self._copy(buffers, out)
         elif self._results is None:
             result = buffers.outputs[0].copy()
         else:
@@ -195,7 +195,7 @@ class Function:
         except IndexError:
             return _Buffers(self.inputs, self.outputs, self._entries.work, self._real)
 
-    def _copied(self, buffers: _Buffers, out: Any) -> Any:
+    def _copy(self, buffers: _Buffers, out: Any) -> Any:
         """Copy the results of one point to where the caller wants them."""
         usual = self._results is None and type(out) is _ARRAY and out.shape == self.outputs[0].shape
         if usual and out.dtype is self._real and out.flags.writeable:
@@ -217,7 +217,7 @@ class Function:
             with np.errstate(over="ignore"):
                 return self(*(x.astype(self._real) for x in arrays), out=out)
         memories = [
-            stored(port, x, count, self._real, self._shared) for port, x in zip(self.inputs, arrays, strict=True)
+            store(port, x, count, self._real, self._shared) for port, x in zip(self.inputs, arrays, strict=True)
         ]
         made = results(self.name, self.outputs, out, count, self._real)
         buffers = self._buffers()
@@ -239,7 +239,7 @@ class Function:
 
     def _fail(self, status: int, args: Any, point: int | None = None) -> None:
         """Raise what the status means."""
-        exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+        exception, text = failure_of(self._failures, status)
         if issubclass(exception, ArgumentError):
             refuse_not_finite(self.name, self.inputs, args, self._real)
         where = "" if point is None else f", point {point}"
@@ -251,10 +251,10 @@ def _results_type(name: str, fields: tuple[str, ...]) -> Any:
     """Class of the results of a function with several: a named tuple that can be pickled."""
     plain = namedtuple(name, fields)  # type: ignore[misc]
 
-    def reduced(self: Any) -> Any:
+    def reduce(self: Any) -> Any:
         return _results_again, (name, fields, tuple(self))
 
-    return type(name, (plain,), {"__slots__": (), "__reduce__": reduced, "__module__": __name__})
+    return type(name, (plain,), {"__slots__": (), "__reduce__": reduce, "__module__": __name__})
 
 
 def _results_again(name: str, fields: tuple[str, ...], values: tuple[Any, ...]) -> Any:

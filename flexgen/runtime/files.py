@@ -40,7 +40,7 @@ _PT_LOAD = 1
 _ET_DYN = 3
 
 
-def trusted_folder(folder: Path) -> Path:
+def verify_folder(folder: Path) -> Path:
     """The folder without symbolic links; BuildError where others could change what it holds."""
     resolved = folder.resolve()
     _refuse_others(resolved, resolved.stat())
@@ -60,21 +60,21 @@ def trusted_folder(folder: Path) -> Path:
     return resolved
 
 
-def trusted_file(path: Path) -> Path:
+def verify_file(path: Path) -> Path:
     """The file that a path leads to, without symbolic links; BuildError where others could replace it."""
     resolved = path.resolve()
-    return trusted_folder(resolved.parent) / resolved.name
+    return verify_folder(resolved.parent) / resolved.name
 
 
-def trusted_bytes(path: Path, advice: str = AGAIN) -> bytes:
+def read_verified(path: Path, advice: str = AGAIN) -> bytes:
     """Content of a regular file that no other user may write; OSError where it cannot be read, else BuildError."""
-    with _opened(path, advice) as descriptor, open(descriptor, "rb", closefd=False) as file:
+    with _open(path, advice) as descriptor, open(descriptor, "rb", closefd=False) as file:
         return file.read()
 
 
-def trusted_content(path: Path, sha256: str | None = None, advice: str = AGAIN) -> bytes:
-    """Content of a shared library that can be loaded; parameters and errors are those of `trusted_library`."""
-    content = trusted_bytes(path, advice)
+def read_library(path: Path, sha256: str | None = None, advice: str = AGAIN) -> bytes:
+    """Content of a shared library that can be loaded; parameters and errors are those of `load_verified`."""
+    content = read_verified(path, advice)
     given = hashlib.sha256(content).hexdigest()
     if sha256 not in (None, given):
         raise BuildError(f"{path}: given SHA-256 {given[:16]}..., expected {str(sha256)[:16]}...; {advice}")
@@ -84,7 +84,7 @@ def trusted_content(path: Path, sha256: str | None = None, advice: str = AGAIN) 
     return content
 
 
-def trusted_library(path: Path, sha256: str | None = None, advice: str = AGAIN) -> ctypes.CDLL:
+def load_verified(path: Path, sha256: str | None = None, advice: str = AGAIN) -> ctypes.CDLL:
     """Load a shared library that no other user could have changed.
 
     The file is opened once: its owner, rights and content are those of the open file. Its parts must lie within it, as
@@ -93,7 +93,7 @@ def trusted_library(path: Path, sha256: str | None = None, advice: str = AGAIN) 
     Parameters
     ----------
     path : Path
-        Without symbolic links, below a folder that was checked: see `trusted_folder` and `trusted_file`.
+        Without symbolic links, below a folder that was checked: see `verify_folder` and `verify_file`.
     sha256 : str, optional
         What the content must have, in hexadecimal.
     advice : str
@@ -111,11 +111,11 @@ def trusted_library(path: Path, sha256: str | None = None, advice: str = AGAIN) 
     OSError
         Where it cannot be read or loaded.
     """
-    content = trusted_content(path, sha256, advice)
+    content = read_library(path, sha256, advice)
     digest = hashlib.sha256(content).hexdigest()
     with _LOCK:
         if digest not in _LOADED:
-            _LOADED[digest] = _loaded_copy(path.name, content)
+            _LOADED[digest] = _load_copy(path.name, content)
         return _LOADED[digest]
 
 
@@ -140,14 +140,14 @@ def private_copy(name: str, content: bytes) -> Iterator[str]:
         os.close(descriptor)
 
 
-def _loaded_copy(name: str, content: bytes) -> ctypes.CDLL:
+def _load_copy(name: str, content: bytes) -> ctypes.CDLL:
     """Load a private copy of a shared library; OSError where it cannot be loaded."""
     with private_copy(name, content) as path:
         return ctypes.CDLL(path)
 
 
 @contextmanager
-def _opened(path: Path, advice: str) -> Iterator[int]:
+def _open(path: Path, advice: str) -> Iterator[int]:
     """Descriptor of a file that passed the checks of its owner and rights."""
     try:
         descriptor = os.open(path, _FLAGS)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import BuildError
-from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder
+from flexgen.runtime.files import AGAIN, read_verified, verify_folder
 
 ABI_VERSION, FORMAT = 5, 3  # of the interface between Python and C; of the manifest
 TOLERANCES = {"double": 1e-6, "single": 1e-3}  # of whole paths and streams: residual of a deflection of 1e-8 rad or m
@@ -81,18 +81,18 @@ def _signatures(manifest: dict[str, Any]) -> list[str]:
 def _signature(described: dict[str, Any]) -> str:
     """Names and shapes of a function in one line, as the library hashes them: ``mass_matrix(q_a[3])(M[3,3])``."""
 
-    def listed(ports: list[dict[str, Any]]) -> str:
+    def join(ports: list[dict[str, Any]]) -> str:
         return "".join(f"{port['name']}[{','.join(map(str, port['shape']))}]" for port in ports)
 
-    return f"{described['name']}({listed(described['inputs'])})({listed(described['outputs'])})\n"
+    return f"{described['name']}({join(described['inputs'])})({join(described['outputs'])})\n"
 
 
 def read_manifest(folder: Path) -> tuple[Path, dict[str, Any]]:
     """A folder that holds a compiled library, without symbolic links, and its manifest."""
     path = folder / "manifest.json"
     try:
-        trusted = trusted_folder(folder)
-        manifest = json.loads(trusted_bytes(trusted / path.name))
+        trusted = verify_folder(folder)
+        manifest = json.loads(read_verified(trusted / path.name))
     except OSError as error:
         raise BuildError(f"{folder}: given no readable manifest.json, expected what flexgen.generate writes") from error
     except (ValueError, RecursionError) as error:

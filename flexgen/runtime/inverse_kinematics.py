@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
-from flexgen.runtime.files import AGAIN
+from flexgen.errors import ArgumentError
 from flexgen.runtime.identity import CONFIGURATIONS_MAX, STARTS, STARTS_MAX
 from flexgen.runtime.path_inversion import array_of, pointer
-from flexgen.runtime.structs import interface_of
+from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of
 
 FUNCTION = "inverse_kinematics"
 
@@ -28,7 +27,7 @@ class InverseKinematics:
         n_g: int,
         entry: Callable[..., int],
         work: int,
-        failures: Mapping[int, tuple[type[FlexgenError], str]],
+        failures: Failures,
         statuses: Mapping[str, int],
         again: tuple[Callable[..., Any], tuple[Any, ...]],
     ) -> None:
@@ -88,7 +87,7 @@ class InverseKinematics:
             The arm is singular at the pose, with more than 16 configurations.
         """
         if self._closed.is_set():
-            raise ArgumentError(f"{self._name}: given a library that was closed, expected an open one; load it again")
+            raise closed_error(self._name)
         position = array_of(FUNCTION, "p", p, (3,), np.dtype(float))
         turned = np.ascontiguousarray(array_of(FUNCTION, "R", R, (3, 3), np.dtype(float)).T)
         guess = np.zeros(self._n_a) if q_start is None else q_start
@@ -126,7 +125,7 @@ class InverseKinematics:
         return (ctypes.c_int * 6)(*map(int, given))
 
     def _refuse(self, status: int) -> None:
-        exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+        exception, text = failure_of(self._failures, status)
         if status == self._statuses["BAD_ARGUMENT"]:
             text = "R is not a rotation matrix, |q_start| > 1000, or free coordinates without a motor"
         elif status == self._statuses["NOT_CONVERGED"]:
@@ -137,7 +136,7 @@ class InverseKinematics:
 def inverse_kinematics_of(
     manifest: Mapping[str, Any],
     found: Callable[[str], Any],
-    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    failures: Failures,
     again: tuple[Callable[..., Any], tuple[Any, ...]],
 ) -> InverseKinematics | None:
     """What a library offers; None where the manifest lists no inverse kinematics."""

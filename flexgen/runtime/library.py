@@ -17,7 +17,7 @@ from flexgen import errors
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
-from flexgen.runtime.files import AGAIN, trusted_library
+from flexgen.runtime.files import AGAIN, load_verified
 from flexgen.runtime.identity import REALS, entry_of, read_manifest, verify
 from flexgen.runtime.inverse_kinematics import InverseKinematics, inverse_kinematics_of
 from flexgen.runtime.limited_inversion import LimitedInverter
@@ -25,6 +25,7 @@ from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
 from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
+from flexgen.runtime.structs import Failures, closed_error
 from flexgen.spec.ports import Port, c_name_problem
 from flexgen.type_checks import checked_methods, checked_types
 
@@ -261,7 +262,7 @@ class Library:
 
     def __reduce__(self) -> Any:
         if self._closed:
-            raise ArgumentError(f"{self.name}: given a library that was closed, expected an open one; load it again")
+            raise closed_error(self.name)
         return library_again, self._again
 
     def __getattr__(self, name: str) -> Function:
@@ -307,12 +308,12 @@ def load(directory: str | os.PathLike[str]) -> Library:
         raise ArgumentError(f"directory: given {directory!r}, expected the path of what flexgen.generate wrote")
     if "\0" in os.fspath(directory):
         raise ArgumentError(f"directory: given {str(directory)!r}, expected the path of a folder")
-    return _loaded(Path(directory), None)
+    return _load(Path(directory), None)
 
 
 def library_again(directory: str, sha256: str) -> Library:
     """The library that was pickled; BuildError where another one is in its directory now."""
-    return _loaded(Path(directory), sha256)
+    return _load(Path(directory), sha256)
 
 
 def function_again(directory: str, sha256: str, name: str) -> Function:
@@ -320,7 +321,7 @@ def function_again(directory: str, sha256: str, name: str) -> Function:
     return library_again(directory, sha256).functions[name]
 
 
-def _loaded(folder: Path, sha256: str | None) -> Library:
+def _load(folder: Path, sha256: str | None) -> Library:
     """Load the library of a folder, where its file has the given digest."""
     trusted, manifest = read_manifest(folder)
     try:
@@ -343,7 +344,7 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
                 f"{folder}: given a library with the instructions {', '.join(missing)}, which this processor does not "
                 "have; generate it on this computer, or with isa='x86-64' (--isa x86-64)"
             )
-        library = trusted_library(trusted / file, recorded)
+        library = load_verified(trusted / file, recorded)
         verify(library, manifest)
         failures = {
             status["code"]: (_exception(status["exception"]), status["text"])
@@ -406,7 +407,7 @@ def _function(
     library: ctypes.CDLL,
     manifest: dict[str, Any],
     described: dict[str, Any],
-    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    failures: Failures,
     parameters: np.ndarray,
     again: tuple[str, str, str],
 ) -> Function:

@@ -16,7 +16,7 @@ from flexgen.runtime.path_inversion import (
     parameters_of,
     whole_of,
 )
-from flexgen.runtime.structs import filled
+from flexgen.runtime.structs import struct_of
 
 
 class LimitsInfeasibleError(SolverError):
@@ -101,9 +101,9 @@ class LimitedInverter(Inverter):
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled)
         deviation = np.zeros_like(given["dy"])
         knot_samples = whole_of(function, "knot_samples", knot_samples)
-        bounds = filled(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)
+        bounds = struct_of(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)
         values, period = parameters_of(function, parameters, self._parameters), number_of(function, "period", period)
-        return replace(self._inverted(given, values, q, period, options, bounds), deviation=deviation)
+        return replace(self._invert(given, values, q, period, options, bounds), deviation=deviation)
 
     def _check_status(self, status: int, reported: dict[str, Any]) -> None:
         if status == self._interface.statuses["LIMITS_INFEASIBLE"]:

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from flexgen.counts import show_value
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import address
-from flexgen.runtime.files import AGAIN
 from flexgen.runtime.identity import TOLERANCES
-from flexgen.runtime.structs import Interface, filled, interface_of
+from flexgen.runtime.structs import Failures, Interface, closed_error, failure_of, interface_of, struct_of
 
 TOLERANCE = TOLERANCES["double"]
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
@@ -113,7 +112,7 @@ class Inverter:
         interface: Interface,
         entry: Callable[..., int],
         work: Callable[..., int],
-        failures: Mapping[int, tuple[type[FlexgenError], str]],
+        failures: Failures,
         again: tuple[Callable[..., Any], tuple[Any, ...]],
         function: str,
         parameters: np.ndarray,
@@ -147,7 +146,7 @@ class Inverter:
 
     def _refuse_closed(self) -> None:
         if self._closed:
-            raise ArgumentError(f"{self._name}: given a library that was closed, expected an open one; load it again")
+            raise closed_error(self._name)
 
     def __call__(
         self,
@@ -215,7 +214,7 @@ class Inverter:
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         period = number_of(function, "period", period)
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled)
-        return self._inverted(given, parameters_of(function, parameters, self._parameters), q, period, options)
+        return self._invert(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
     def _options(
         self, n_pre: Any, n_post: Any, samples_per_interval: Any, tolerance: Any, hold: Any, delay: Any, settled: Any
@@ -236,7 +235,7 @@ class Inverter:
             "settled": settled,
         }
 
-    def _inverted(
+    def _invert(
         self,
         given: dict[str, np.ndarray],
         parameters: np.ndarray,
@@ -248,11 +247,14 @@ class Inverter:
         """Call C with checked arguments; ``limits``: a further structure behind the options."""
         structs, n = self._structs, len(given["y"])
         counts = {name: options[name] for name in ("n_pre", "n_post", "samples_per_interval")}
-        filled_options = filled(structs["inversion_options"], **options)
+        filled_options = struct_of(structs["inversion_options"], **options)
         further = tuple(ctypes.byref(x) for x in (filled_options, *limits))
         work = self._workspace(self._work_size(n, further, counts))
         out = self._results(n + counts["n_pre"] + counts["n_post"])
-        path, motion = filled(structs["samples"], n=n, period=period, **given), filled(structs["motion"], **out)
+        path, motion = (
+            struct_of(structs["samples"], n=n, period=period, **given),
+            struct_of(structs["motion"], **out),
+        )
         info = structs[f"{self._function}_info"](residual=np.nan)
         status = int(
             self._entry(
@@ -284,7 +286,7 @@ class Inverter:
     def _check_status(self, status: int, reported: dict[str, Any]) -> None:
         """The exception of a negative status."""
         if status < 0:
-            exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+            exception, text = failure_of(self._failures, status)
             residual, iterations = reported["residual"], reported["iterations"]
             reached = "" if np.isnan(residual) else f" (residual {residual:.3g} after {iterations} iterations)"
             raise exception(f"{self._function}: {text}{reached}")
@@ -326,7 +328,7 @@ class Inverter:
 def inverter_of(
     manifest: Mapping[str, Any],
     found: Callable[[str], Any],
-    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    failures: Failures,
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     function: str,
     parameters: np.ndarray,

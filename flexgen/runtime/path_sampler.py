@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
-from flexgen.runtime.files import AGAIN
+from flexgen.errors import ArgumentError
 from flexgen.runtime.path_inversion import array_of, number_of, parameters_of, pointer, pointers
+from flexgen.runtime.structs import Failures, closed_error, failure_of
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,14 @@ class SamplerEntries:
     sample: Callable[..., int]
     work: int
     model_parameters: np.ndarray
-    failures: Mapping[int, tuple[type[FlexgenError], str]]
+    failures: Failures
     again: tuple[Callable[..., Any], tuple[Any, ...]]
     closed: Event = field(default_factory=Event)
 
     def refuse_closed(self) -> None:
         """ArgumentError where the library is closed."""
         if self.closed.is_set():
-            raise ArgumentError(f"{self.name}: given a library that was closed, expected an open one; load it again")
+            raise closed_error(self.name)
 
 
 class PathSampler:
@@ -104,7 +104,7 @@ class PathSampler:
     def _refuse(self, status: int) -> None:
         """Raise what a negative status means."""
         if status < 0:
-            exception, text = self._entries.failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+            exception, text = failure_of(self._entries.failures, status)
             if exception is ArgumentError:
                 text += "; the table must be that of a path of this model (Path.table())"
             raise exception(f"path_sampler: {text}")
@@ -113,7 +113,7 @@ class PathSampler:
 def samplers_of(
     manifest: Mapping[str, Any],
     found: Callable[[str], Any],
-    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    failures: Failures,
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     parameters: np.ndarray,
 ) -> SamplerEntries | None:

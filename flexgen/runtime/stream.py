@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, BuildError, FlexgenError
-from flexgen.runtime.files import AGAIN
+from flexgen.errors import ArgumentError
 from flexgen.runtime.path_inversion import (
     array_of,
     hold_of,
@@ -23,7 +22,7 @@ from flexgen.runtime.path_inversion import (
     tolerance_of,
     whole_of,
 )
-from flexgen.runtime.structs import REAL, Interface, filled, interface_of
+from flexgen.runtime.structs import REAL, Failures, Interface, closed_error, failure_of, interface_of, struct_of
 from flexgen.type_checks import checked_types
 
 # In words, of a tolerance that is not met; by members of the enum of C.
@@ -49,7 +48,7 @@ class StreamEntries:
     limits: Callable[..., int]
     change: Callable[..., int] | None
     model_parameters: np.ndarray
-    failures: Mapping[int, tuple[type[FlexgenError], str]]
+    failures: Failures
     again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
     closed: threading.Event = field(default_factory=threading.Event)
 
@@ -66,7 +65,7 @@ class StreamEntries:
     def refuse_closed(self) -> None:
         """ArgumentError where the library is closed."""
         if self.closed.is_set():
-            raise ArgumentError(f"{self.name}: given a library that was closed, expected an open one; load it again")
+            raise closed_error(self.name)
 
 
 @dataclass(frozen=True)
@@ -163,7 +162,7 @@ class Stream:
         self._sizes, self._entries = dict(sizes), entries
         real = entries.real
         tolerance = tolerance_of(real) if tolerance is None else tolerance
-        options = filled(
+        options = struct_of(
             entries.structs["stream_options"],
             intervals=self.intervals,
             samples_per_interval=self.samples_per_interval,
@@ -187,7 +186,7 @@ class Stream:
             status = entries.start(*memory, pointer(at), *pointers(held), pointer(q))
         else:
             arrays = self._samples(y, dy, ddy)
-            path = filled(entries.structs["samples"], n=len(arrays["y"]), period=self.period, **arrays)
+            path = struct_of(entries.structs["samples"], n=len(arrays["y"]), period=self.period, **arrays)
             status = entries.start_moving(*memory, ctypes.byref(path), *pointers(held), pointer(q))
         self._refuse(int(status))
         self._bind()
@@ -201,7 +200,7 @@ class Stream:
 
     def _handle(self) -> ctypes.Structure:
         """The stream in C; its memory is that of this object."""
-        return filled(self._entries.structs["stream"], memory=self._memory, size=self._memory.size)
+        return struct_of(self._entries.structs["stream"], memory=self._memory, size=self._memory.size)
 
     def _bind(self) -> None:
         """Memory of the arguments of an update, and their addresses."""
@@ -210,7 +209,7 @@ class Stream:
         self._inputs = [np.zeros(self._sizes[key], real) for key in ("n_t", "n_y", "n_y")]
         self._outputs = [np.zeros((self.samples_per_interval, n), real) for n in (n_a, n_a, n_g, n_m, n_m, n_m)]
         structs = self._entries.structs
-        self._motion = filled(structs["motion"], **dict(zip(_RESULTS, self._outputs, strict=True)))
+        self._motion = struct_of(structs["motion"], **dict(zip(_RESULTS, self._outputs, strict=True)))
         self._info = structs["stream_info"]()
         self._stream = self._handle()
         bound = tuple(pointer(x) for x in self._inputs)
@@ -363,14 +362,14 @@ class Stream:
     def _refuse(self, status: int) -> None:
         """Raise what a negative status means."""
         if status < 0:
-            exception, text = self._entries.failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+            exception, text = failure_of(self._entries.failures, status)
             raise exception(f"stream: {text}")
 
 
 def streams_of(
     manifest: Mapping[str, Any],
     found: Callable[[str], Any],
-    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    failures: Failures,
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     parameters: np.ndarray,
 ) -> StreamEntries | None:

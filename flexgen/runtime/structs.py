@@ -10,11 +10,25 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import address
+from flexgen.runtime.files import AGAIN
 
 _KINDS: dict[str, Any] = {"int": ctypes.c_int, "int64_t": ctypes.c_int64}
 REAL: dict[str, Any] = {"double": ctypes.c_double, "single": ctypes.c_float}  # the type of a number in C
 _POINTERS = ("const real *", "real *")
+
+Failures = Mapping[int, tuple[type[FlexgenError], str]]  # exception and text of each negative status
+
+
+def closed_error(library: str) -> ArgumentError:
+    """The error of a call of a library that was closed."""
+    return ArgumentError(f"{library}: given a library that was closed, expected an open one; load it again")
+
+
+def failure_of(failures: Failures, status: int) -> tuple[type[FlexgenError], str]:
+    """Exception and text of a negative status."""
+    return failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
 
 
 @dataclass(frozen=True)
@@ -69,6 +83,6 @@ def _structure(precision: str, name: str, fields: tuple[tuple[str, str], ...]) -
     return type(name, (ctypes.Structure,), {"_fields_": members})
 
 
-def filled(structure: type[ctypes.Structure], **members: Any) -> ctypes.Structure:
+def struct_of(structure: type[ctypes.Structure], **members: Any) -> ctypes.Structure:
     """A structure with these members; arrays become pointers, so the caller must keep them."""
     return structure(**{key: address(x) if isinstance(x, np.ndarray) else x for key, x in members.items()})

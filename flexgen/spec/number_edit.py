@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from flexgen.errors import ModelError
-from flexgen.spec.tables import entry_name
+from flexgen.spec.tables import part_of
 from flexgen.spec.toml_lines import Entry, Path, Scanner, parse
 
 LONGEST = 6  # entries of a list of numbers: an inertia tensor
@@ -106,16 +106,11 @@ def _resolve(root: Entry, dotted: str, file: str) -> tuple[Path, tuple[str, ...]
     here, path = root, cast(Path, ())
     words = dotted.split(".")
     for n, word in enumerate(words):
-        key: str | int | None
-        if isinstance(here.value, dict):
-            key = word if word in here.value else None
-        elif isinstance(here.value, list):
-            names = [entry_name(entry) for entry in here.value]
-            key = names.index(word) if word in names else int(word) if word.isdigit() else None
-            if isinstance(key, int) and len(names) <= key < LONGEST:
+        key, _ = part_of(here, word)
+        if key is None and isinstance(here.value, list) and word.isdigit():
+            if len(here.value) <= int(word) < LONGEST:
                 return path, (word,)
-        else:
-            key = None
+            key = int(word) if int(word) < len(here.value) else None
         if key is None:
             if isinstance(here.value, dict):
                 return path, tuple(words[n:])

@@ -41,7 +41,7 @@ def table_schema(form: Form) -> Schema:
         for chosen in own.either or ("",):
             others = {x for other, more in own.either.items() if other != chosen for x in (other, *more)}
             keys = (*form.shared, *(key for key in own.keys if key.name not in others))
-            needed = [chosen] * bool(chosen) + ["type"] * (not form.default)
+            needed = [chosen] * bool(chosen) + ["type"] * (kind != form.default)
             kinds.append(_object(own.doc, keys, {"type": {"const": kind, "description": own.doc}}, needed))
     return kinds[0] if len(kinds) == 1 else {"description": form.doc, "oneOf": kinds}
 

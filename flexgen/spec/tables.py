@@ -78,7 +78,7 @@ class Where:
     key: str
     lines: tuple[tuple[str, int], ...] = ()
 
-    def found(self, key: str) -> tuple[str, int]:
+    def find(self, key: str) -> tuple[str, int]:
         """Dotted path and line of a key, with its unit suffix; those of the table if the key is missing."""
         lines = dict(self.lines)
         for name in (key, f"{key}_rad", f"{key}_deg"):
@@ -319,6 +319,16 @@ class Table:
             path = f"{self.path(key)}[{index}]" if name is None else f"{self.path(key)}.{name}"
             out.append(type(self)(self.file, entry, path))
         return out
+
+
+def part_of(entry: Entry, word: str) -> tuple[str | int | None, list[str]]:
+    """Key or index of the part of a table or list that has a name, None where it has none; and all names."""
+    names: list[str | None] = []
+    if isinstance(entry.value, dict):
+        return (word if word in entry.value else None), list(entry.value)
+    if isinstance(entry.value, list):
+        names = [entry_name(item) for item in entry.value]
+    return (names.index(word) if word in names else None), [name for name in names if name]
 
 
 class FileTable(Table):

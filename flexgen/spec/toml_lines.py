@@ -50,11 +50,11 @@ def parse(text: str, file: str = "", width: float = WIDTH) -> Entry:
     TextError
         The text is not valid TOML, or is nested too deeply.
     """
-    return copy(_parsed(text, file, width))
+    return copy(_parse(text, file, width))
 
 
 @lru_cache(maxsize=8)  # the same few models are read again and again
-def _parsed(text: str, file: str, width: float) -> Entry:
+def _parse(text: str, file: str, width: float) -> Entry:
     """The tree of a text, which is never changed."""
     text = text.replace("\r\n", "\n")
     for number, row in enumerate(text.split("\n"), 1):

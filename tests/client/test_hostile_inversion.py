@@ -22,10 +22,10 @@ from hostile import (
     Streamed,
     Target,
     call_of,
-    filled,
     held,
     invert,
     output,
+    struct_of,
     target,
     untouched,
     unwanted,
@@ -323,7 +323,7 @@ def test_a_failed_stream_can_be_started_again(made):
     for short in (1, 10**9):
         assert NAMES[Streamed(one, INTERVALS, PARTS, short=short).start(y, q, 1e-3)] == "WORK_TOO_SMALL"
     for counts in ((0, 1), (1, 0), (-(2**31), 1), (10001, 1), (1, 1001), (2**31 - 1, 2**31 - 1)):
-        options = filled(one.structs["stream_options"], intervals=counts[0], samples_per_interval=counts[1])
+        options = struct_of(one.structs["stream_options"], intervals=counts[0], samples_per_interval=counts[1])
         assert one.function("stream_work", ctypes.c_int64)(ctypes.byref(options)) == -1
         assert NAMES[Streamed(one, *counts).start(y, q, 1e-3)] == "BAD_ARGUMENT"
 

@@ -190,14 +190,14 @@ BUGS = {
 def test_a_planted_bug_is_corrected_by_iterations_or_found(bug: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Responses with an error of a fifth: repeated programs correct it, a single one does not. Limits that are never
     compared with the motion are exceeded, which the tests above would see."""
-    texts = dict(clib_files.fixed_files())
+    texts = dict(clib_files.read_clib())
     text = texts["invert_limited.c"]
     assert text.count(BUGS[bug][0]) == 1
     text = text.replace(*BUGS[bug])
     if bug.endswith("one program"):
         assert text.count("LIMITED_ROUNDS = 20,") == 1
         text = text.replace("LIMITED_ROUNDS = 20,", "LIMITED_ROUNDS = 1,")
-    monkeypatch.setattr(clib_files, "fixed_files", lambda: texts | {"invert_limited.c": text})
+    monkeypatch.setattr(clib_files, "read_clib", lambda: texts | {"invert_limited.c": text})
     wrong = load(flexgen.generate("planar5_nmp", tmp_path / "wrong").directory)
     one = case("planar5_nmp")
 

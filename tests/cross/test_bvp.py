@@ -30,7 +30,7 @@ from flexgen.mechanics.statics import equilibrium_at
 from flexgen.model.elements import Placement, RobotModel
 from flexgen.model.reader import read
 from flexgen.runtime import load
-from flexgen.runtime.structs import filled, structs_of
+from flexgen.runtime.structs import struct_of, structs_of
 from flexgen.simulation.simulate import simulate
 
 pytestmark = needs_compiler
@@ -235,13 +235,13 @@ def call(folder: FilePath) -> tuple[int, np.ndarray]:
     n = len(asked["y"])
     total = n + asked["n_pre"] + asked["n_post"]
     counts = {key: asked[key] for key in ("n_pre", "n_post", "samples_per_interval")}
-    options = filled(structs["inversion_options"], **counts, tolerance=1e-6)
+    options = struct_of(structs["inversion_options"], **counts, tolerance=1e-6)
     library.planar5_nmp_bvp_work.restype = ctypes.c_int64
     work = np.zeros(library.planar5_nmp_bvp_work(ctypes.c_int(n), ctypes.byref(options)))
     arrays = {key: np.ascontiguousarray(asked[key]) for key in ("y", "dy", "ddy")}
     q, tau = np.ascontiguousarray(asked["q_start"]), np.zeros((total, 2))
-    path = filled(structs["samples"], n=n, period=asked["period"], **arrays)
-    motion, info = filled(structs["motion"], tau_m=tau), structs["bvp_info"]()
+    path = struct_of(structs["samples"], n=n, period=asked["period"], **arrays)
+    motion, info = struct_of(structs["motion"], tau_m=tau), structs["bvp_info"]()
     status = library.planar5_nmp_bvp(
         *(ctypes.byref(path), ctypes.c_void_p(q.ctypes.data), ctypes.byref(options)),
         *(ctypes.byref(motion), ctypes.byref(info)),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexgen.codegen.emit import emit
-from flexgen.codegen.spec import chosen_functions, library_spec
+from flexgen.codegen.spec import choose_functions, library_spec
 from flexgen.errors import ArgumentError
 from flexgen.library.generate import generate
 from flexgen.mechanics import inversion_functions
@@ -221,9 +221,9 @@ def test_models_have_the_functions_that_their_structure_allows():
     assert "given motor_coupling 'complete', expected 'simplified'" in complete(one).inversion_obstacle()
     assert offered_functions(fewer) == plain
     with pytest.raises(ArgumentError, match=r"gear_law.*given outputs 1, motors 2, expected as many"):
-        chosen_functions(["gear_law"], fewer)
+        choose_functions(["gear_law"], fewer)
     with pytest.raises(ArgumentError, match="coordinates without motor"):
-        chosen_functions(["inversion_jacobians"], read("elbow"))
+        choose_functions(["inversion_jacobians"], read("elbow"))
     with pytest.raises(ArgumentError, match="as many outputs as motors"):
         derive(fewer).function("inversion_rows")
     assert recursive_function(derive(fewer), "inversion_rows") is None

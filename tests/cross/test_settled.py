@@ -43,7 +43,7 @@ SOLVERS = ("invert", "invert_limited")  # one library for all tests
 
 def test_the_c_has_the_times_of_solve() -> None:
     """How long the last torque is held, the shortest motion after the path [s], and that of the gears."""
-    files = clib_files.fixed_files()
+    files = clib_files.read_clib()
     assert f"held_time = {HELD:g};" in files["invert.c"] and f"shortest_end = {SHORTEST:g};" in files["whole_path.h"]
     assert f"lags = {LAGS:.1f};" in files["motors.h"]
 
@@ -174,9 +174,9 @@ def planted(
     output: str, file: str, right: str, wrong: str, folder: FilePath, monkeypatch: pytest.MonkeyPatch
 ) -> Library:
     """The library with an error in one of its files."""
-    texts = dict(clib_files.fixed_files())
+    texts = dict(clib_files.read_clib())
     assert texts[file].count(right) == 1
-    monkeypatch.setattr(clib_files, "fixed_files", lambda: texts | {file: texts[file].replace(right, wrong)})
+    monkeypatch.setattr(clib_files, "read_clib", lambda: texts | {file: texts[file].replace(right, wrong)})
     return load(flexgen.generate(arm(output).model, folder / "wrong").directory)
 
 

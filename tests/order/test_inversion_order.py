@@ -84,14 +84,14 @@ def equidistant(text: str) -> str:
 
 def test_points_of_a_lower_order_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The planted bug: points that converge to the same motion, but more slowly."""
-    texts = clib_files.fixed_files()
+    texts = clib_files.read_clib()
     right = texts["inversion_common.h"]
-    monkeypatch.setattr(clib_files, "fixed_files", lambda: {**texts, "inversion_common.h": equidistant(right)})
+    monkeypatch.setattr(clib_files, "read_clib", lambda: {**texts, "inversion_common.h": equidistant(right)})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
-    model_library._built.cache_clear()
+    model_library._holder.cache_clear()
     try:
         stiffness, damping, least, _ = MODELS["slow"]
         found = order(last_joint(read("planar5_nmp"), stiffness, damping), "lq")
     finally:
-        model_library._built.cache_clear()
+        model_library._holder.cache_clear()
     assert 4 - 1 / 3 < found < 5 < least

@@ -20,7 +20,7 @@ from flexgen.mechanics.signatures import INVERSION
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.runtime import Library, load
-from flexgen.runtime.structs import filled, structs_of
+from flexgen.runtime.structs import struct_of, structs_of
 
 CODES = {status.name: status.code for status in STATUSES}
 NAMES = {value: name for name, value in CODES.items()}
@@ -177,7 +177,7 @@ def invert(target: Target, call: Call) -> MethodResult:
 def guarded_struct(structure: type[ctypes.Structure], **members: Any) -> tuple[np.ndarray, np.ndarray]:
     """The bytes of a struct as numbers, and the block that it lies in, with sentinels on both sides."""
     numbers, block = guarded(-(-ctypes.sizeof(structure) // 8))
-    made = bytes(filled(structure, **members))
+    made = bytes(struct_of(structure, **members))
     numbers[:] = np.frombuffer(made.ljust(8 * len(numbers), bytes(1)))
     return numbers, block
 
@@ -190,7 +190,7 @@ class Streamed:
     ) -> None:
         self.target, self.samples_per_interval = target, samples_per_interval
         self.counts = {"intervals": intervals, "samples_per_interval": samples_per_interval}
-        options = filled(target.structs["stream_options"], **self.counts)
+        options = struct_of(target.structs["stream_options"], **self.counts)
         size = target.function("stream_work", ctypes.c_int64)(ctypes.byref(options))
         self.memory, self.block = guarded(max(size - short, 16))
         self.size = size - short if size > 0 else 16
@@ -209,10 +209,10 @@ class Streamed:
     def handle(self) -> Any:
         """The struct that says where the memory is."""
         at = None if self.memory is None else self.memory.ctypes.data
-        return filled(self.target.structs["stream"], memory=at, size=self.size)
+        return struct_of(self.target.structs["stream"], memory=at, size=self.size)
 
     def start(self, y: Any, q_start: Any, period: float, tolerance: float = 1e-6) -> int:
-        options = filled(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
+        options = struct_of(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
         return self.target.function("stream_start")(
             ctypes.byref(self.handle),
             ctypes.byref(options),
@@ -221,9 +221,9 @@ class Streamed:
 
     def start_moving(self, path: dict[str, Any], q_start: Any, period: float, tolerance: float = 1e-6) -> int:
         """``path``: members of its struct; arrays or None."""
-        options = filled(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
+        options = struct_of(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
         kept = {key: np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for key, x in path.items()}
-        given = filled(self.target.structs["samples"], **kept)
+        given = struct_of(self.target.structs["samples"], **kept)
         return self.target.function("stream_start_moving")(
             ctypes.byref(self.handle),
             ctypes.byref(options),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.codegen.clib_files import fixed_files
+from flexgen.codegen.clib_files import read_clib
 
 ERRORS = {"sincos": 1.0, "exp": 1.0, "tanh": 3.0}  # units in the last place, as kernel.h states
 _NUMBER = r"-?\d+\.\d+(?:e[-+]?\d+)?|-?\d+e[-+]?\d+"
@@ -28,7 +28,7 @@ class Precision:
 
 
 def read(precision: str) -> Precision:
-    text = fixed_files()[f"precision_{precision}.h"].replace("\\\n", " ")
+    text = read_clib()[f"precision_{precision}.h"].replace("\\\n", " ")
     kind = {"double": np.float64, "single": np.float32}[precision]
     macros = dict(re.findall(r"#define (\w+)(?:\([^)]*\))? ([^\n/]*)", text))
 

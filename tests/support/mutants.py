@@ -2,9 +2,10 @@
 
     python tests/support/mutants.py --count 200 --seed 1
 
-The quick tests run once in a copy whose functions report which test calls them. The tests of a mutant are the files
-that call its function, those that name its module or its room first; of a line outside functions, the files that name
-it. A mutant survives where all of them pass, or where there is none. The source is changed in copies only.
+The quick tests run once in a copy whose functions report which test calls them. The tests of a mutant are those that
+call its function, in files that name its module or its room first, then the shortest first; of a line outside
+functions, the files that name it. A mutant survives where all of them pass, or where there is none. The source is
+changed in copies only.
 """
 
 from __future__ import annotations
@@ -20,19 +21,20 @@ import tempfile
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==", ast.Is: "is not"}
 COMPARED |= {ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in"}
 COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.MatMult: "*", ast.Pow: "*"}
 QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
-MOST_FILES, TIMEOUT_S = 12, 240
+MOST_TESTS, MOST_FILES, TIMEOUT_S = 40, 6, 240
 HITS = """import os
 _seen = set()
 
 
 def hit(number):
-    test = os.environ.get("PYTEST_CURRENT_TEST", "").partition("::")[0]
+    test = os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" (")[0]
     if test and (number, test) not in _seen:
         _seen.add((number, test))
         with open(os.path.join(os.environ["MUTANT_HITS"], str(os.getpid())), "a") as file:
@@ -137,35 +139,46 @@ def report_calls(mutants: list[Mutant], copy: Path) -> None:
     (copy / "mutant_hits.py").write_text(HITS, encoding="utf-8")
 
 
-def callers(mutants: list[Mutant], copy: Path, workers: int) -> dict[int, set[str]]:
-    """The test files that call the function of each mutant, by its number."""
+@dataclass(frozen=True)
+class Calls:
+    """The tests that call the function of each mutant, by its number, and how long each test takes [s]."""
+
+    tests: dict[int, set[str]]
+    seconds: dict[str, float]
+
+
+def calls_of(mutants: list[Mutant], copy: Path, workers: int) -> Calls:
+    """One run of the quick tests in the copy."""
     report_calls(mutants, copy)
-    hits = copy / "hits"
+    hits, times = copy / "hits", copy / "times.xml"
     hits.mkdir()
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", str(workers), "-m", QUICK]
     there = {**os.environ, "PYTHONPATH": str(copy), "MUTANT_HITS": str(hits)}
-    subprocess.run(command, cwd=copy, env=there, stdout=subprocess.DEVNULL, check=False)
+    subprocess.run([*command, f"--junitxml={times}"], cwd=copy, env=there, stdout=subprocess.DEVNULL, check=False)
     found: dict[int, set[str]] = {}
     for file in hits.iterdir():
         for line in file.read_text(encoding="utf-8").splitlines():
             number, _, test = line.partition(" ")
             found.setdefault(int(number), set()).add(test)
+    seconds = {}
+    for case in ElementTree.parse(times).iter("testcase"):
+        path = case.get("classname", "").replace(".", "/")
+        seconds[f"{path}.py::{case.get('name')}"] = float(case.get("time", 0.0))
     for mutant in mutants:
         shutil.copy(mutant.file, copy / mutant.file.relative_to(ROOT))
-    return found
+    return Calls(found, seconds)
 
 
-def tests_of(mutant: Mutant, calling: set[str]) -> list[str]:
-    """The test files of a mutant: those that name its module, then its room, then the other ones that call it."""
+def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
+    """The tests of a mutant."""
     module = ".".join(mutant.file.relative_to(ROOT).with_suffix("").parts)
     room = ".".join(module.split(".")[:2])
     texts = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py"))}
-    names = {path.relative_to(ROOT).as_posix(): (module not in text, room not in text) for path, text in texts.items()}
+    far = {path.relative_to(ROOT).as_posix(): (module not in text, room not in text) for path, text in texts.items()}
     if function_of(mutant) is None:
-        chosen = [name for name, (_, far) in names.items() if not far]
-    else:
-        chosen = [name for name in names if name in calling]
-    return sorted(chosen, key=lambda name: names[name])[:MOST_FILES]
+        return sorted((name for name, (_, other) in far.items() if not other), key=lambda name: far[name])[:MOST_FILES]
+    called = calls.tests.get(number, set())
+    return sorted(called, key=lambda test: (far[test.partition("::")[0]], calls.seconds.get(test, 1.0)))[:MOST_TESTS]
 
 
 def survives(mutant: Mutant, tests: list[str], copy: Path) -> bool:
@@ -199,13 +212,13 @@ def main() -> None:
         shutil.copytree(ROOT, copy, ignore=hidden, symlinks=True)
         mutants = drawn(given.count, given.seed)
         print("one run of the quick tests, to find the tests of each mutant", flush=True)
-        calling = callers(mutants, copy, given.workers)
+        calls = calls_of(mutants, copy, given.workers)
         for number, mutant in enumerate(mutants, 1):
-            tests = tests_of(mutant, calling.get(number - 1, set()))
+            tests = tests_of(mutant, number - 1, calls)
             alive = survives(mutant, tests, copy)
             killed += not alive
             place = f"{mutant.file.relative_to(ROOT)}:{mutant.line}"
-            verdict = f"SURVIVES {len(tests)} test files" if alive else "killed"
+            verdict = f"SURVIVES {len(tests)} tests" if alive else "killed"
             print(f"{verdict} {place}: {mutant.before} -> {mutant.after}", flush=True)
             print(f"  {killed} of {number} killed, {100 * killed / number:.0f} %", flush=True)
 

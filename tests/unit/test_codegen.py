@@ -15,7 +15,7 @@ from unchecked import unchecked
 
 from flexgen.codegen.emit import emit, symbols
 from flexgen.codegen.function_files import MATHEMATICS
-from flexgen.codegen.routines import checked
+from flexgen.codegen.routines import check_ports
 from flexgen.codegen.spec import library_spec
 from flexgen.errors import BuildError
 from flexgen.expressions.graph import read_graph
@@ -355,22 +355,22 @@ IN, OUT = (Port("x", (2,), "1", ""),), (Port("y", (2,), "1", ""),)
 )
 def test_functions_that_contradict_their_ports_are_refused(function, told):
     with pytest.raises(BuildError, match=told):
-        checked("f", function, IN, OUT)
+        check_ports("f", function, IN, OUT)
 
 
 def test_matrix_graphs_are_expanded_or_refused():
     x = ca.MX.sym("x", 2)
-    assert checked("f", ca.Function("f", [x], [2 * x], ["x"], ["y"]), IN, OUT).is_a("SXFunction")
+    assert check_ports("f", ca.Function("f", [x], [2 * x], ["x"], ["y"]), IN, OUT).is_a("SXFunction")
     convex = ca.convexify(ca.mtimes(x, x.T))[:, 0]
     with pytest.raises(BuildError, match="cannot be written as scalar operations, expected an SX function"):
-        checked("f", ca.Function("f", [x], [convex], ["x"], ["y"]), IN, OUT)
+        check_ports("f", ca.Function("f", [x], [convex], ["x"], ["y"]), IN, OUT)
 
 
 def test_solvers_inside_are_refused():
     """CasADi's emitted root finders and factorisations report success where they fail."""
     x = ca.MX.sym("x", 2)
     root = ca.rootfinder("r", "newton", {"x": X, "p": Y, "g": X * X - Y[:2]})
-    f = checked("f", ca.Function("f", [x], [root(x, ca.DM.ones(3))], ["x"], ["y"]), IN, OUT)
+    f = check_ports("f", ca.Function("f", [x], [root(x, ca.DM.ones(3))], ["x"], ["y"]), IN, OUT)
     with pytest.raises(BuildError, match="operation OP_CALL cannot be written in C"):
         read_graph(f)
 

@@ -15,7 +15,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.runtime.path_inversion import Inversion, pointer
-from flexgen.runtime.structs import filled
+from flexgen.runtime.structs import struct_of
 from flexgen.simulation.hold import TorqueCommand, hold_torque
 from flexgen.simulation.simulate import simulate
 
@@ -216,12 +216,12 @@ def test_c_refuses_invalid_holds_and_delays(library, hold, delay):
     """A status, and nothing is written."""
     entries, sizes = library.streams, library.sizes
     options = {"intervals": 20, "samples_per_interval": 5, "period": 5e-3, "tolerance": 1e-6}
-    accepted = filled(entries.structs["stream_options"], **options, hold=2, delay=4.0)
-    refused = filled(entries.structs["stream_options"], **options, hold=hold, delay=delay)
+    accepted = struct_of(entries.structs["stream_options"], **options, hold=2, delay=4.0)
+    refused = struct_of(entries.structs["stream_options"], **options, hold=hold, delay=delay)
     size = entries.work(ctypes.byref(accepted))
     assert entries.work(ctypes.byref(refused)) == -1 < size
     path, memory = samples(), np.full(size, -7.25)
-    stream = filled(entries.structs["stream"], memory=memory, size=size)
+    stream = struct_of(entries.structs["stream"], memory=memory, size=size)
     start = [ctypes.byref(stream), ctypes.byref(refused)]
     assert entries.start(*start, pointer(path["y"][0].copy()), pointer(path["q_start"])) == BAD_ARGUMENT
     assert (memory == -7.25).all()
@@ -230,15 +230,15 @@ def test_c_refuses_invalid_holds_and_delays(library, hold, delay):
     arrays = {key: np.ascontiguousarray(path[key]) for key in ("y", "dy", "ddy", "q_start")}
     given_path = {key: arrays[key].ctypes.data for key in ("y", "dy", "ddy")}
     whole = {"n_pre": 0, "n_post": 0, "samples_per_interval": 5, "tolerance": 1e-6, "hold": hold, "delay": delay}
-    inversion_options = filled(entries.structs["inversion_options"], **whole)
+    inversion_options = struct_of(entries.structs["inversion_options"], **whole)
     for name in ("invert", "bvp"):
         inverter = getattr(library, name)
         room = np.zeros(inverter._work(ctypes.c_int(len(tau)), ctypes.byref(inversion_options)))
         status = inverter._entry(
-            ctypes.byref(filled(entries.structs["samples"], n=len(tau), period=PERIOD, **given_path)),
+            ctypes.byref(struct_of(entries.structs["samples"], n=len(tau), period=PERIOD, **given_path)),
             pointer(arrays["q_start"]),
             ctypes.byref(inversion_options),
-            ctypes.byref(filled(entries.structs["motion"], tau_m=tau)),
+            ctypes.byref(struct_of(entries.structs["motion"], tau_m=tau)),
             ctypes.byref(entries.structs[f"{name}_info"]()),
             pointer(room),
             ctypes.c_int64(len(room)),

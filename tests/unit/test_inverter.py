@@ -17,7 +17,7 @@ from toolchain import needs_compiler
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.runtime import load
 from flexgen.runtime.path_inversion import pointer
-from flexgen.runtime.structs import filled, structs_of
+from flexgen.runtime.structs import struct_of, structs_of
 
 pytestmark = needs_compiler
 
@@ -116,11 +116,11 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     n = len(s["y"])
     arrays = {key: np.ascontiguousarray(s[key]) for key in ("y", "dy", "ddy")}
     q, work = np.ascontiguousarray(s["q_start"]), np.zeros(10)
-    options = filled(structs["inversion_options"], n_pre=100, n_post=100, samples_per_interval=5, tolerance=1e-9)
+    options = struct_of(structs["inversion_options"], n_pre=100, n_post=100, samples_per_interval=5, tolerance=1e-9)
     motion, info = structs["motion"](), structs["invert_info"]()
 
     def status(null: int | None = None, member: str = "") -> int:
-        path = filled(
+        path = struct_of(
             structs["samples"], n=n, period=PERIOD, **{k: None if k == member else x for k, x in arrays.items()}
         )
         where = [ctypes.byref(path), pointer(q), ctypes.byref(options), ctypes.byref(motion), ctypes.byref(info)]
@@ -138,7 +138,7 @@ def test_c_refuses_null_pointers_and_too_little_memory(library):
     assert status() == 0  # members of the motion may be null
     for n_post in range(100, 108):  # whatever is in the workspace, and wherever its arrays end
         options.n_post, tau_m = n_post, np.empty((100 + n + n_post, 2))
-        work, motion = np.full(wanted(n, ctypes.byref(options)), 1e300), filled(structs["motion"], tau_m=tau_m)
+        work, motion = np.full(wanted(n, ctypes.byref(options)), 1e300), struct_of(structs["motion"], tau_m=tau_m)
         assert status() == 0
         expected = library.invert(**given(n_pre=100, n_post=n_post, tolerance=1e-9))
         assert (tau_m == expected.tau_m).all() and info.kinematic_mismatch == expected.kinematic_mismatch

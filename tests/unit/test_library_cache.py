@@ -101,9 +101,9 @@ def test_another_process_that_prunes_does_no_harm(tmp_path, monkeypatch) -> None
 @pytest.fixture
 def forgotten():
     """No library is loaded before, nor later from this folder."""
-    inverters._built.cache_clear()
+    inverters._holder.cache_clear()
     yield
-    inverters._built.cache_clear()
+    inverters._holder.cache_clear()
 
 
 @pytest.mark.slow
@@ -126,7 +126,7 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypa
     assert not first.directory.exists()
     assert (first.motor_friction(np.array([0.1, 0.2])) == before).all()  # what is loaded stays
 
-    inverters._built.cache_clear()
+    inverters._holder.cache_clear()
     again = inversion_library(equations, "lq")
     assert again.directory == first.directory and (again.motor_friction(np.array([0.1, 0.2])) == before).all()
 
@@ -137,7 +137,7 @@ def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(tmp_path, monkeyp
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))
     equations = derive("elbow")
     first = inversion_library(equations, "lq")
-    inverters._built.cache_clear()
+    inverters._holder.cache_clear()
     load, calls = inverters.load, []
 
     def late(directory: Path):

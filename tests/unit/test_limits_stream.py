@@ -189,17 +189,17 @@ def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: i
 @pytest.mark.slow
 def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted bug: the path is bent right ahead, where zeros ask the motion that is under way to have known."""
-    texts = clib_files.fixed_files()
+    texts = clib_files.read_clib()
     wrong = texts["stream_update.h"].replace("preview_share = 1e-3;", "preview_share = 1e9;")
     assert wrong != texts["stream_update.h"]
-    monkeypatch.setattr(clib_files, "fixed_files", lambda: {**texts, "stream_update.h": wrong})
+    monkeypatch.setattr(clib_files, "read_clib", lambda: {**texts, "stream_update.h": wrong})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
-    built._built.cache_clear()
+    built._holder.cache_clear()
     try:
         free = streamed("manutec_r3_18")
         kept = streamed("manutec_r3_18", torque=a_tenth_less(free))
     finally:
-        built._built.cache_clear()
+        built._holder.cache_clear()
     assert all(x.converged for x in free) and not all(x.converged for x in kept)
     assert strays("manutec_r3_18", kept) > 100 * FOLLOWED
 

@@ -235,7 +235,7 @@ def test_a_file_that_is_swapped_after_the_check_is_not_loaded(folder, monkeypatc
     monkeypatch.setattr(flexgen.runtime.files, "_LOADED", {})
     stranger = tmp_path / "stranger"
     install(stranger, compiled(digest="e" * 64), model_digest="e" * 64)
-    real = flexgen.runtime.files._loaded_copy
+    real = flexgen.runtime.files._load_copy
 
     def swapped(name: str, content: bytes):
         folder.rename(tmp_path / "away")
@@ -243,7 +243,7 @@ def test_a_file_that_is_swapped_after_the_check_is_not_loaded(folder, monkeypatc
         shutil.copy(library_file(stranger), folder / name)
         return real(name, content)
 
-    monkeypatch.setattr(flexgen.runtime.files, "_loaded_copy", swapped)
+    monkeypatch.setattr(flexgen.runtime.files, "_load_copy", swapped)
     library = load(folder)  # the digest that the code itself returns is compared with that of the first manifest
     assert library.digest == DIGEST
 

@@ -7,7 +7,7 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen.spec import chosen_functions
+from flexgen.codegen.spec import choose_functions
 
 NAMES = ("mass_matrix", "mass_matrix_packed")
 
@@ -31,5 +31,5 @@ def test_it_is_the_lower_triangle_by_columns(name, parameters, tmp_path):
 
 def test_it_is_left_out_where_it_is_not_asked_for():
     model = flexgen.read("elbow")
-    assert "mass_matrix_packed" not in chosen_functions(None, model)
-    assert chosen_functions(NAMES[::-1], model) == NAMES
+    assert "mass_matrix_packed" not in choose_functions(None, model)
+    assert choose_functions(NAMES[::-1], model) == NAMES

@@ -12,7 +12,7 @@ from emitted import SMALL, loaded, made, random_states
 from handmade import VALUES, compiled, install, twist
 from toolchain import needs_compiler
 
-from flexgen.codegen.clib_files import fixed_files
+from flexgen.codegen.clib_files import read_clib
 from flexgen.codegen.interface import STATUSES
 from flexgen.errors import ArgumentError, BuildError, SolverError
 from flexgen.library.generate import generate
@@ -74,7 +74,7 @@ def test_many_points_equal_single_points(name):
 def test_results_that_do_not_fit_the_cache_are_the_same(planar, n):
     """From some megabytes of results on they are written past the cache, also where columns begin at odd addresses."""
     function = planar.functions["mass_matrix"]
-    cache = int(fixed_files()["function.h"].partition("#define CACHE ")[2].split()[0])
+    cache = int(read_clib()["function.h"].partition("#define CACHE ")[2].split()[0])
     assert 2 * cache > n * 8 * sum(port.size for port in function.outputs) > cache
     q_a = np.random.default_rng(3).normal(size=(n, 3))
     parts = [function(q_a[k : k + 50_000]) for k in range(0, n, 50_000)]

@@ -57,7 +57,8 @@ def compare(entry: Entry, schema: dict, root: dict, known: dict[int, tuple], see
     fitting = [
         t
         for t in tables
-        if kind is None or t.get("properties", {}).get("type", {}).get("const", kind.value) == kind.value
+        if (kind is None and "type" not in t.get("required", ()))
+        or (kind is not None and t.get("properties", {}).get("type", {}).get("const", kind.value) == kind.value)
     ]
     assert fitting, (kind, schema)
     if id(entry.value) in known and any("properties" in t for t in tables):  # else its keys are names

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexgen.codegen.amalgamation import amalgamated
+from flexgen.codegen.amalgamation import merge_files
 from flexgen.codegen.emit import emit, function_texts
 from flexgen.codegen.interface import INTERVALS_MAX, STATUSES
 from flexgen.codegen.spec import StreamDefaults, library_name, library_spec
@@ -59,7 +59,7 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
         )
     options = options if look_ahead is None else _with(options, look_ahead)
     spec = replace(spec, stream=options, c_functions=tuple(f for f in spec.c_functions if f.file == "stream.c"))
-    texts = amalgamated(spec.name, emit(spec, function_texts(spec)))
+    texts = merge_files(spec.name, emit(spec, function_texts(spec)))
     held = hold_joints(derive(model), np.array(model.home))
     name, prefix = f"{library_name(model)}_feedforward", spec.name
     sizes = {"N_A": model.n_a, "N_M": model.n_m, "N_OUT": model.output.size, "N_T": model.output.target_size}

@@ -15,9 +15,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexgen.codegen.amalgamation import amalgamated
+from flexgen.codegen.amalgamation import merge_files
 from flexgen.codegen.emit import emit, function_texts
-from flexgen.codegen.routines import expanded, mathematics_of
+from flexgen.codegen.routines import expand, mathematics_of
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec, library_name, library_spec
 from flexgen.exports.fmu.block import Block, time_variable
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, PARAMETER, RATE, SETTING, STATE, Variable, array
@@ -106,7 +106,7 @@ def _graphs(equations: Equations) -> _Graphs:
     values["parameters"] = p
 
     def called(name: str, more: Mapping[str, Any] | None = None) -> list[ca.SX]:
-        function = expanded(name, mathematics_of(equations, name))
+        function = expand(name, mathematics_of(equations, name))
         given = values | dict(more or {})
         out: list[ca.SX] = function.call([given[key] for key in function.name_in()])
         return out
@@ -201,7 +201,7 @@ def _written(spec: LibrarySpec) -> tuple[dict[str, str], dict[str, str], str]:
         given = [arguments[port.name] for port in (*f.inputs, *f.outputs)]
         given += ["w"] if written[f.name].work > 0 else []
         calls[macros[f.name]] = f"{spec.name}_{f.name}({', '.join(given)})"
-    return amalgamated(spec.name, emit(spec, written)), calls, f"{spec.name.upper()}_WORK"
+    return merge_files(spec.name, emit(spec, written)), calls, f"{spec.name.upper()}_WORK"
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-from flexgen.codegen.c_text import comment, quoted
+from flexgen.codegen.c_text import comment, quote
 from flexgen.codegen.interface import TOLERANCES
 from flexgen.errors import BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emitted
@@ -120,7 +120,7 @@ def _table(library: Emitted) -> str:
     name, text, rows = library.name, "", []
     for f in library.functions:
         inputs, outputs = f["inputs"], f["outputs"]
-        names = ", ".join(quoted(p["name"]) for p in inputs)
+        names = ", ".join(quote(p["name"]) for p in inputs)
         sizes = ", ".join(str(p["shape"][0]) for p in inputs)
         heights = ", ".join(str(p["shape"][0]) for p in outputs)
         widths = ", ".join(str(p["shape"][1]) if len(p["shape"]) == 2 else "0" for p in outputs)
@@ -138,10 +138,10 @@ static {name}_status call_{own}(const double *const *in, double *const *out, dou
 
 """
         rows.append(
-            f"    {{{quoted(own)}, {len(inputs)}, {len(outputs)}, {own}_in, {own}_size, {own}_rows, {own}_columns, "
+            f"    {{{quote(own)}, {len(inputs)}, {len(outputs)}, {own}_in, {own}_size, {own}_rows, {own}_columns, "
             f"call_{own}}},\n"
         )
-    statuses = "".join(f"    {{{s['code']}, {quoted(s['name'])}}},\n" for s in library.manifest["statuses"])
+    statuses = "".join(f"    {{{s['code']}, {quote(s['name'])}}},\n" for s in library.manifest["statuses"])
     head = comment(f"{name}: functions of one point. Written by flexgen; included by {name}_mex.c.")
     return (
         f"/*\n{head} */\n{text}static const point_function POINT_FUNCTIONS[] = {{\n{''.join(rows)}}};\n\n"

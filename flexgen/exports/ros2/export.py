@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexgen.codegen.c_text import quoted
+from flexgen.codegen.c_text import quote
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emitted
 from flexgen.exports.exported import Exported
@@ -18,6 +18,7 @@ from flexgen.exports.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import propose_gains
 from flexgen.numerics.evaluate import evaluate
+from flexgen.spec.ports import CPP_KEYWORDS
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 
@@ -27,18 +28,7 @@ START_TOLERANCE = 0.01  # rad or m, arm side: largest distance from the start of
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]+@[A-Za-z0-9.-]+\Z")
 _ROS = ("controller_interface", "hardware_interface", "rclcpp_lifecycle", "std_msgs")
-# Keywords of C++20, and names that no namespace of a package can have: linux and unix are macros of some compilers.
-_RESERVED = frozenset(
-    """
-    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t class
-    compl concept const consteval constexpr constinit const_cast continue co_await co_return co_yield decltype
-    default delete do double dynamic_cast else enum explicit export extern false float for friend goto if inline int
-    long mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public register
-    reinterpret_cast requires return short signed sizeof static static_assert static_cast struct switch template
-    this thread_local throw true try typedef typeid typename union unsigned using virtual void volatile wchar_t
-    while xor xor_eq linux std unix
-    """.split()
-)
+_RESERVED = CPP_KEYWORDS | {"linux", "std", "unix"}  # linux and unix are macros of some compilers
 _NEEDED = frozenset({*_ROS, "controller_manager", "eigen", "inverse_dynamics_interface", "pluginlib", "rclcpp"})
 
 
@@ -174,7 +164,7 @@ def _words(library: Emitted, package: str, controller: bool, gains: Cascade | No
     torques = evaluate(equations.function("inverse_dynamics"), home, zero, zero)[0][0]
     words = {
         "ACTUATED": ", ".join(str(i) for i in model.i_g),
-        "MOTORS": ", ".join(quoted(motor.name) for motor in model.motors),
+        "MOTORS": ", ".join(quote(motor.name) for motor in model.motors),
         "HOME_TORQUES": numbers(torques),
         "STREAM": "",
         "DEPENDS": "",

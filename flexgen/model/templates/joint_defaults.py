@@ -7,7 +7,7 @@ from flexgen.spec.toml_lines import Entry
 EVERY = "*"
 
 
-def merged(default: dict[str, Entry], own: dict[str, Entry]) -> dict[str, Entry]:
+def merge(default: dict[str, Entry], own: dict[str, Entry]) -> dict[str, Entry]:
     """The keys of a joint, those that it does not have from the defaults; tables in them likewise.
 
     A table that states another ``type`` than the default replaces it, and a joint with a spring instead of a gear takes
@@ -22,5 +22,5 @@ def merged(default: dict[str, Entry], own: dict[str, Entry]) -> dict[str, Entry]
         elif isinstance(entry.value, dict) and isinstance(own[key].value, dict):
             kind, own_kind = (table.value.get("type") for table in (entry, own[key]))
             if own_kind is None or (kind is not None and kind.value == own_kind.value):
-                out[key] = Entry(merged(entry.value, own[key].value), own[key].line, own[key].file)
+                out[key] = Entry(merge(entry.value, own[key].value), own[key].line, own[key].file)
     return out

@@ -17,7 +17,7 @@ from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
 from flexgen.model.urdf import Urdf
 from flexgen.model.urdf_chain import MOVING
-from flexgen.model.urdf_source import PACKAGE, located
+from flexgen.model.urdf_source import PACKAGE, locate
 from flexgen.spec.ports import c_name_problem
 from flexgen.spec.tables import bare
 
@@ -66,7 +66,7 @@ def new_model(name: str, template: str = "planar", urdf: str | None = None, fold
 def _overlay(name: str, given: str, folder: Path) -> str:
     """A model file for a URDF file, with elastic gears in all joints."""
     file, _, ends = given.partition("#")
-    path = located(file, Path())
+    path = locate(file, Path())
     if path is None:
         raise ArgumentError(f"urdf: given {file!r}, which is not a file, expected FILE.urdf or FILE.urdf#BASE:TIP")
     urdf = Urdf(path, file)
