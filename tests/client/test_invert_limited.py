@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emitted import run, sources
+from emitted import paths_library, run, sources
 from hostile_client import SANITIZE, can_sanitize
 from path_deviation import DEGREE, DeviationBasis, deviated_path
 from toolchain import CC, needs_compiler
@@ -19,7 +19,6 @@ from flexgen.codegen import clib_files
 from flexgen.codegen.path_header import path_header
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
-from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.paths.path import plan
@@ -57,7 +56,7 @@ def case(name: str, move: str = "line", period: float = 1e-3) -> Case:
     sample = path.sample(t)
     options = {"period": period, "q_start": path.q_start, "n_pre": 200, "n_post": 300, "samples_per_interval": 5}
     return Case(
-        inversion_library(equations, "test", ("invert", "invert_limited")),
+        paths_library(equations, "invert", "invert_limited"),
         Reduction(equations).targets(sample),
         sample.derivative(1),
         sample.derivative(2),

@@ -12,14 +12,13 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from emitted import run
+from emitted import paths_library, run
 from hostile_client import SANITIZE, can_sanitize
 from toolchain import CC, needs_compiler
 
 import flexgen
 from flexgen.codegen.path_header import path_header
 from flexgen.errors import ArgumentError, FlexgenError
-from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
 from flexgen.paths import blended_curve, time_laws
@@ -77,7 +76,7 @@ def robot_moves(start: tuple[float, ...]) -> dict[str, Move]:
 
 @cache
 def library(name: str) -> Library:
-    return inversion_library(flexgen.derive(name), "test", ("path_sampler", "stream"))
+    return paths_library(flexgen.derive(name), "path_sampler", "stream")
 
 
 def case(name: str, move: str) -> Path:

@@ -12,7 +12,10 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from flexgen.inversion.model_library import inversion_library
 from flexgen.library.generate import GeneratedLibrary, generate
+from flexgen.mechanics.equations import Equations
+from flexgen.model.reader import read
 from flexgen.runtime import Library, load
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", "-ffp-contract=off"]
@@ -45,6 +48,13 @@ def run(*command, folder: Path, expected: int = 0) -> str:
     answer = subprocess.run([str(word) for word in command], cwd=folder, capture_output=True, text=True, check=False)
     assert answer.returncode == expected, answer.stderr[:4000]
     return answer.stdout
+
+
+def paths_library(equations: Equations, *solvers: str) -> Library:
+    """A library with these solvers; of models whose whole library other tests need, that one."""
+    name = equations.model.name
+    whole = name in SMALL and equations.model == read(name)
+    return loaded(name) if whole else inversion_library(equations, "test", solvers)
 
 
 def sources(folder: Path) -> list[Path]:

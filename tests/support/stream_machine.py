@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from emitted import paths_library
 
-from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
@@ -31,7 +31,7 @@ class Machine:
     def __init__(self, name: str | RobotModel, move: str | None, library: Library | None = None) -> None:
         self.equations: Equations = derive(name)
         self.path = Path(self.equations, self.equations.model.move(move))
-        self.library: Library = library or inversion_library(self.equations, "lq", ("invert", "stream"))
+        self.library: Library = library or paths_library(self.equations, "invert", "stream")
         self._reduction = Reduction(self.equations)
 
     def samples(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

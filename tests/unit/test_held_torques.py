@@ -39,7 +39,7 @@ CHANNELS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m")
 
 @pytest.fixture(scope="module")
 def library() -> flexgen.runtime.library.Library:
-    return loaded(MODEL, "bvp")
+    return loaded(MODEL)
 
 
 @pytest.fixture(scope="module")
@@ -117,8 +117,11 @@ def test_a_spline_without_delay_changes_no_bit(library, plain):
     assert np.array_equal(stream_of(library, hold="spline", delay=0.0)[0], stream_of(library)[0])
 
 
-def test_bvp_gives_held_torques(library, plain):
-    found, same = (library.bvp(**given(), **options).tau_m for options in ({"hold": "zoh", "delay": 0.5}, {}))
+@pytest.mark.slow
+def test_bvp_gives_held_torques(plain):
+    found, same = (
+        loaded(MODEL, "bvp").bvp(**given(), **options).tau_m for options in ({"hold": "zoh", "delay": 0.5}, {})
+    )
     size = np.abs(same).max()
     assert np.abs(found - expected(plain.t, same, "zoh", 0.5)).max() < SAME * size
 
@@ -196,7 +199,7 @@ def test_invalid_holds_and_delays_are_refused(library, changes, words):
         stream_of(library, 1, **changes)
 
 
-@pytest.mark.parametrize(
+INVALID = pytest.mark.parametrize(
     ("hold", "delay"),
     [
         (-1, 0.0),
@@ -212,9 +215,12 @@ def test_invalid_holds_and_delays_are_refused(library, changes, words):
         (0, -float("inf")),
     ],
 )
-def test_c_refuses_invalid_holds_and_delays(library, hold, delay):
+
+
+@INVALID
+def test_a_stream_in_c_refuses_invalid_holds_and_delays(library, hold, delay):
     """A status, and nothing is written."""
-    entries, sizes = library.streams, library.sizes
+    entries = library.streams
     options = {"intervals": 20, "samples_per_interval": 5, "period": 5e-3, "tolerance": 1e-6}
     accepted = struct_of(entries.structs["stream_options"], **options, hold=2, delay=4.0)
     refused = struct_of(entries.structs["stream_options"], **options, hold=hold, delay=delay)
@@ -226,24 +232,29 @@ def test_c_refuses_invalid_holds_and_delays(library, hold, delay):
     assert entries.start(*start, pointer(path["y"][0].copy()), pointer(path["q_start"])) == BAD_ARGUMENT
     assert (memory == -7.25).all()
 
+
+@INVALID
+@pytest.mark.parametrize("name", ["invert", pytest.param("bvp", marks=pytest.mark.slow)])
+def test_a_solver_in_c_refuses_invalid_holds_and_delays(name, hold, delay):
+    library = loaded(MODEL, *["bvp"] * (name == "bvp"))
+    entries, sizes, path = library.streams, library.sizes, samples()
     tau = np.full((len(path["y"]), sizes["n_m"]), -7.25)
     arrays = {key: np.ascontiguousarray(path[key]) for key in ("y", "dy", "ddy", "q_start")}
     given_path = {key: arrays[key].ctypes.data for key in ("y", "dy", "ddy")}
     whole = {"n_pre": 0, "n_post": 0, "samples_per_interval": 5, "tolerance": 1e-6, "hold": hold, "delay": delay}
     inversion_options = struct_of(entries.structs["inversion_options"], **whole)
-    for name in ("invert", "bvp"):
-        inverter = getattr(library, name)
-        room = np.zeros(inverter._work(ctypes.c_int(len(tau)), ctypes.byref(inversion_options)))
-        status = inverter._entry(
-            ctypes.byref(struct_of(entries.structs["samples"], n=len(tau), period=PERIOD, **given_path)),
-            pointer(arrays["q_start"]),
-            ctypes.byref(inversion_options),
-            ctypes.byref(struct_of(entries.structs["motion"], tau_m=tau)),
-            ctypes.byref(entries.structs[f"{name}_info"]()),
-            pointer(room),
-            ctypes.c_int64(len(room)),
-        )
-        assert status == BAD_ARGUMENT and (tau == -7.25).all()
+    inverter = getattr(library, name)
+    room = np.zeros(inverter._work(ctypes.c_int(len(tau)), ctypes.byref(inversion_options)))
+    status = inverter._entry(
+        ctypes.byref(struct_of(entries.structs["samples"], n=len(tau), period=PERIOD, **given_path)),
+        pointer(arrays["q_start"]),
+        ctypes.byref(inversion_options),
+        ctypes.byref(struct_of(entries.structs["motion"], tau_m=tau)),
+        ctypes.byref(entries.structs[f"{name}_info"]()),
+        pointer(room),
+        ctypes.c_int64(len(room)),
+    )
+    assert status == BAD_ARGUMENT and (tau == -7.25).all()
 
 
 @pytest.mark.parametrize("hold", ["spline", "linear", "zoh"])

@@ -14,12 +14,12 @@ import pytest
 import scipy.sparse as sp
 from clib_sections import section
 from clib_shim import SHIM
+from emitted import paths_library
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.codegen import clib_files
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
 from flexgen.library import model_library as built
@@ -119,7 +119,7 @@ def streamed(model: str = "planar5_nmp", move: int = 0, ahead: int = AHEAD, **li
     equations = flexgen.derive(model)
     path = Path(equations, equations.model.moves[move])
     y, dy, ddy = given(model, move, ahead)
-    library = inversion_library(equations, "lq", ("invert", "stream"))
+    library = paths_library(equations, "invert", "stream")
     stream = library.stream(y[0], path.q_start, period=PERIOD, intervals=ahead, samples_per_interval=5)
     if limits:
         stream.limit(**limits)
