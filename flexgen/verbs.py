@@ -399,7 +399,7 @@ completion | completion:completion
 VERBS: dict[str, Verb] = verbs_of(ROWS, SHARED)
 
 
-def added_export(kind: str) -> Verb:
+def export_row(kind: str) -> Verb:
     """The row of an exporter of another package, see `flexgen.registry`."""
     rows = "export KIND MODEL | export:added\n    files\n        out PATH required: write this file or folder"
     return replace(verbs_of(rows, "")["export KIND"], name=f"export {kind}")

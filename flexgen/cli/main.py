@@ -204,7 +204,7 @@ def _main(words: list[str]) -> int:
 
 def _run(args: argparse.Namespace, messages: _Messages) -> int:
     """Run the verb, print its result, return the exit status."""
-    from flexgen.cli.printing import fitted, terminal_width
+    from flexgen.cli.printing import fit_tables, terminal_width
     from flexgen.cli.result import check_outputs
     from flexgen.cli.verbs.check import implausible
     from flexgen.display import as_json
@@ -213,7 +213,7 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
     interrupts: list[int] = []
     try:
         with (
-            fitted(terminal_width()),
+            fit_tables(terminal_width()),
             _output_to_stderr(),
             _warnings_ignored(),
             _interrupts_recorded() as interrupts,

@@ -18,7 +18,7 @@ from flexgen.cli.argument_parser import MESSAGES, OldName, Once, Parser, UsageEr
 from flexgen.cli.defaults import defaults_of
 from flexgen.registry import added_names
 from flexgen.verb_rows import PATHS, Option, Verb
-from flexgen.verbs import VERBS, added_export, choices_of, help_of
+from flexgen.verbs import VERBS, choices_of, export_row, help_of
 from flexgen.version import __version__
 
 __all__ = ["EXAMPLES", "UsageError", "build_parser", "parse"]
@@ -63,7 +63,7 @@ def build_parser(only: str | None = None) -> Parser:
     of_others = added_names("exports") if all_of_them or only == "export" else ()
     rows = [*VERBS.values()]
     at = 1 + max(k for k, verb in enumerate(rows) if verb.name.startswith("export "))
-    for verb in [*rows[:at], *(added_export(name) for name in of_others), *rows[at:]]:
+    for verb in [*rows[:at], *(export_row(name) for name in of_others), *rows[at:]]:
         name, _, kind = verb.name.partition(" ")
         if kind and kinds is None:
             kinds = _add_export(group)

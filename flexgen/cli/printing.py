@@ -74,7 +74,7 @@ def roots(pairs: Iterable[Sequence[float | None]]) -> list[str]:
 
 
 @contextmanager
-def fitted(width: int | None) -> Iterator[None]:
+def fit_tables(width: int | None) -> Iterator[None]:
     """Within: tables have at most this number of characters per line; None: any number."""
     token = _width.set(width)
     try:
@@ -109,17 +109,17 @@ def table(rows: Sequence[Sequence[Any]], head: Sequence[str] = ()) -> str:
     if head:
         lines.insert(0, list(head))
     widths = [max((len(line[k]) for line in lines), default=0) for k in range(width)]
-    kept = _narrowed(widths, right, _width.get())
+    kept = _narrow(widths, right, _width.get())
     if head:
         lines.insert(1, ["-" * w for w in widths])
-    text = "\n".join(_padded(line, widths, right, kept) for line in lines)
+    text = "\n".join(_wrap_row(line, widths, right, kept) for line in lines)
     if kept == width:
         return text
     left_out = ", ".join(head[kept:]) or f"{width - kept} columns"
     return f"{text}\n{paragraph(f'(left out: {left_out}; a wider terminal, a pipe or --json shows all)')}"
 
 
-def _narrowed(widths: list[int], right: Sequence[bool], limit: int | None) -> int:
+def _narrow(widths: list[int], right: Sequence[bool], limit: int | None) -> int:
     """Reduce the widths of texts in place, the widest first, until a line fits; the number of columns that do."""
     if limit is None:
         return len(widths)
@@ -141,7 +141,7 @@ def _narrowed(widths: list[int], right: Sequence[bool], limit: int | None) -> in
     return kept
 
 
-def _padded(line: Sequence[str], widths: Sequence[int], right: Sequence[bool], kept: int) -> str:
+def _wrap_row(line: Sequence[str], widths: Sequence[int], right: Sequence[bool], kept: int) -> str:
     """One row as text, of several lines where a cell is wrapped."""
     cells = [
         textwrap.wrap(cell, w, break_on_hyphens=False) if len(cell) > w else [cell]
@@ -302,7 +302,7 @@ def _dae_rows(data: dict[str, Any]) -> list[Row]:
     return rows
 
 
-def _small(what: str, value: float | None, unit: str) -> Row:
+def _small_row(what: str, value: float | None, unit: str) -> Row:
     """A row of a small length [m] or angle [rad]: below 1e-3 in millionths, else in thousandths."""
     if value is None:
         return what, None, ""
@@ -315,6 +315,6 @@ def figure_rows(result: Solution | Simulation) -> list[Row]:
     for label, value, unit, _ in result.figures():
         value = plain(value)
         rows.append(
-            _small(label, value, unit) if unit in ("m", "rad") else (label, None if value == "" else value, unit)
+            _small_row(label, value, unit) if unit in ("m", "rad") else (label, None if value == "" else value, unit)
         )
     return rows

@@ -54,7 +54,7 @@ def read_model(args: Namespace) -> RobotModel:
     return read(args.model, overrides=dict(args.set or ()))
 
 
-def derived(args: Namespace, log: Progress | None = None) -> Equations:
+def derive_model(args: Namespace, log: Progress | None = None) -> Equations:
     """Derive the equations of motion of the model of the command line."""
     from flexgen.mechanics.equations import derive
 

@@ -105,7 +105,7 @@ def _option(header: str, name: str, word: str) -> str | None:
     return found[1].rstrip("f") if found else None
 
 
-def resolved(model: ModelLike) -> Equations:
+def resolve(model: ModelLike) -> Equations:
     """Equations without run-time parameters; ArgumentError for something else."""
     if not isinstance(model, Equations):
         return derive(model)
@@ -118,7 +118,7 @@ def resolved(model: ModelLike) -> Equations:
     return model
 
 
-def emitted(model: ModelLike, *, precision: PrecisionName = "double", streams: bool = False) -> Emitted:
+def emit(model: ModelLike, *, precision: PrecisionName = "double", streams: bool = False) -> Emitted:
     """The library of a model, in two files.
 
     Parameters
@@ -136,20 +136,20 @@ def emitted(model: ModelLike, *, precision: PrecisionName = "double", streams: b
     BuildError, ArgumentError
         A name or an argument cannot be used, or the model has no streams.
     """
-    equations = resolved(model)
+    equations = resolve(model)
     if streams:
         refuse_without_streams(equations.model)
     key = (model_digest(equations.model), precision)
     found = _LAST.get(key)
     if found is None:
-        found = _generated(equations, precision)
+        found = _generate(equations, precision)
         while len(_LAST) >= _KEPT:
             _LAST.pop(next(iter(_LAST)))
         _LAST[key] = found
     return found
 
 
-def _generated(equations: Equations, precision: PrecisionName) -> Emitted:
+def _generate(equations: Equations, precision: PrecisionName) -> Emitted:
     """The library, derived and written."""
     with tempfile.TemporaryDirectory(prefix="flexgen-") as folder:
         made = generate(equations, folder, build=False, precision=precision, amalgamate=True, progress=False)

@@ -26,10 +26,10 @@ from flexgen.analysis.linear import linearize, poles
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.exports.exported import Exported, exported
-from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refused, with_friction
+from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refusal, with_friction
 from flexgen.exports.mujoco_forces import add_actuators, add_tendons
-from flexgen.exports.mujoco_inertia import principal, regrouped
-from flexgen.exports.poses import chained, frame_about, pose_attributes, quaternion
+from flexgen.exports.mujoco_inertia import principal, regroup
+from flexgen.exports.poses import chain, frame_about, pose_attributes, quaternion
 from flexgen.exports.xml_text import add, document, numbers
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, hold_joints, reach
@@ -148,11 +148,11 @@ class _Writer:
         places, tensors = [], []
         tip = model.base
         for element in model.elements:
-            places.append(chained(tip, element.origin))
+            places.append(chain(tip, element.origin))
             R = np.array(element.link.rotation)
-            tensors.append(R @ (np.array(element.body.inertia) - self._carried(element.name)) @ R.T)
+            tensors.append(R @ (np.array(element.body.inertia) - self._carried_inertia(element.name)) @ R.T)
             tip = element.link
-        tensors = regrouped(model, tensors, [np.array(place.rotation) for place in places])
+        tensors = regroup(model, tensors, [np.array(place.rotation) for place in places])
         holder = world
         for element, place, tensor in zip(model.elements, places, tensors, strict=True):
             self._capsule(holder, place.position)
@@ -165,7 +165,7 @@ class _Writer:
             for drive in self.drives:
                 if drive.turning is None and drive.motor.carrier == element.name:
                     self._rotor(holder, drive, center, R @ np.array(drive.motor.axis))
-        payload, tool = model.payload, chained(tip, model.tool)
+        payload, tool = model.payload, chain(tip, model.tool)
         self._capsule(holder, tool.position)
         if payload.mass > 0.0:
             body = add(holder, "body", name="payload.", **pose_attributes(tip))  # no element has this name
@@ -201,7 +201,7 @@ class _Writer:
             mass, moments = max(mass, LEAST), moments + LEAST
         add(body, "inertial", mass=mass, pos=center, quat=quaternion(axes), diaginertia=moments)
 
-    def _carried(self, name: str) -> np.ndarray:
+    def _carried_inertia(self, name: str) -> np.ndarray:
         """The inertia across their axes that rotors on an element have in the file and not in the model."""
         out = np.zeros((3, 3))
         for drive in self.drives:
@@ -255,7 +255,7 @@ class _Writer:
         if added > SHARE * least:
             given = f"an inertia of {least:.3g} kg m^2 (least eigenvalue of the mass matrix at home)"
             expected = f"at least {added / SHARE:.3g} kg m^2: MuJoCo's bodies have at least {LEAST:g} kg m^2 each"
-            raise refused(model, "element", given, expected)
+            raise refusal(model, "element", given, expected)
 
 
 def _body_name(name: str) -> str:

@@ -30,7 +30,7 @@ class Drive:
     turning: dict[str, float] | None
 
 
-def refused(model: RobotModel, key: str, given: str, expected: str) -> ModelError:
+def refusal(model: RobotModel, key: str, given: str, expected: str) -> ModelError:
     """The error for a part of a model that MuJoCo does not have."""
     return ModelError(model.file, 0, key, given, f"for MuJoCo {expected}")
 
@@ -61,17 +61,17 @@ def check_laws(model: RobotModel, dry: bool) -> None:
     """Refuse beams and laws of forces that MuJoCo does not have; ``dry``: Coulomb friction is accepted."""
     for element in model.elements:
         if element.beam is not None:
-            raise refused(model, f"element.{element.name}.beam", "a beam with assumed modes", "rigid bodies")
+            raise refusal(model, f"element.{element.name}.beam", "a beam with assumed modes", "rigid bodies")
         for dof in element.dofs:
             here = f"element.{element.name}.dof.{dof.name}"
             spring = dof.spring or (dof.gear.spring if dof.gear is not None else None)
             if isinstance(spring, BacklashSpring):
                 key = f"{here}.{'spring' if dof.spring else 'gear.spring'}"
                 given = "a spring with a smooth dead band"
-                raise refused(model, key, given, "a linear, cubic, smooth or piecewise spring")
+                raise refusal(model, key, given, "a linear, cubic, smooth or piecewise spring")
             _check_friction(model, f"{here}.friction", dof.friction, dry)
             if dof.counterbalance:
-                raise refused(model, f"{here}.counterbalance", "a counterbalance", "none")
+                raise refusal(model, f"{here}.counterbalance", "a counterbalance", "none")
     for motor in model.motors:
         _check_friction(model, f"motor.{motor.name}.friction", motor.friction, dry)
 
@@ -79,12 +79,12 @@ def check_laws(model: RobotModel, dry: bool) -> None:
 def _check_friction(model: RobotModel, key: str, friction: Friction, dry: bool) -> None:
     other = 'or friction = "viscous" (leaves the others out), or "dry" (Coulomb friction as MuJoCo has it)'
     if type(friction) is not Friction:
-        raise refused(model, key, f"the friction law {type(friction).__name__}", f"viscous friction, {other}")
+        raise refusal(model, key, f"the friction law {type(friction).__name__}", f"viscous friction, {other}")
     for name in ("coulomb", "stribeck", "offset"):
         value = getattr(friction, name)
         if value and not dry:
             what = "a constant torque" if name == "offset" else "which is a function tanh of the speed"
-            raise refused(model, f"{key}.{name}", f"{value:g}, {what}", f"viscous friction, {other}")
+            raise refusal(model, f"{key}.{name}", f"{value:g}, {what}", f"viscous friction, {other}")
 
 
 def drives(model: RobotModel) -> tuple[Drive, ...]:
@@ -116,7 +116,7 @@ def _turning(model: RobotModel, j: int) -> dict[str, float] | None:
             f"complete coupling of a motor with a rigid gear on {motor.carrier}, which turns about several directions"
         )
         expected = 'an elastic gear, or motor_coupling = "simplified"'
-        raise refused(model, f"motor.{motor.name}.carrier", given, expected)
+        raise refusal(model, f"motor.{motor.name}.carrier", given, expected)
     along = float(spin[0] @ np.array(motor.axis))
     return {name: sign * along for name, sign in spin[1].items() if abs(along) > PARALLEL}
 

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from flexgen.exports.mujoco_checks import Drive, common_axis, refused
+from flexgen.exports.mujoco_checks import Drive, common_axis, refusal
 from flexgen.exports.xml_text import add, numbers
 from flexgen.mechanics.lagrangian import gears
 from flexgen.model.elements import (
@@ -105,7 +105,7 @@ def _drags(model: RobotModel, tendons: Element) -> None:
         spin = common_axis(model, element.name)
         if spin is None:
             given = "a drag on a body that turns about several directions"
-            raise refused(model, f"element.{element.name}.body.rotational_drag", given, "no drag on this body")
+            raise refusal(model, f"element.{element.name}.body.rotational_drag", given, "no drag on this body")
         if spin[1]:
             _tendon(tendons, f"drag.{element.name}", spin[1], [0.0], damping=drag)
 

@@ -38,7 +38,7 @@ def free_directions(axes: list[np.ndarray]) -> np.ndarray | None:
     return np.eye(3) - np.outer(first, first)
 
 
-def regrouped(model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndarray]) -> list[np.ndarray]:
+def regroup(model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndarray]) -> list[np.ndarray]:
     """Tensors with the same dynamics that satisfy MuJoCo's condition.
 
     Parameters
@@ -64,7 +64,7 @@ def regrouped(model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndar
             continue
         axes = [np.array(dof.axis) for dof in model.elements[k].dofs if dof.type == "rotation"]
         free = free_directions(axes)
-        amount = None if free is None else _least(out[k], free)
+        amount = None if free is None else _find_least(out[k], free)
         if free is None or amount is None:
             name = model.elements[k].name
             moments = ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(out[k]))
@@ -81,7 +81,7 @@ def regrouped(model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndar
     return out
 
 
-def _least(inertia: np.ndarray, free: np.ndarray) -> float | None:
+def _find_least(inertia: np.ndarray, free: np.ndarray) -> float | None:
     """The least c with a valid tensor ``inertia + c free``, a little enlarged; None if there is none."""
     scale = float(np.abs(inertia).max())
     high = scale

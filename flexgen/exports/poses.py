@@ -9,7 +9,7 @@ import numpy as np
 from flexgen.model.elements import Placement
 
 
-def chained(first: Placement, second: Placement) -> Placement:
+def chain(first: Placement, second: Placement) -> Placement:
     """The pose of a frame that is placed at ``second`` in a frame placed at ``first``."""
     R = np.array(first.rotation)
     position = np.array(first.position) + R @ np.array(second.position)

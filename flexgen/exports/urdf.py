@@ -179,7 +179,7 @@ def _steps(model: RobotModel) -> list[Step]:
             body = replace(element.body, com=tuple((shift + np.array(element.body.com)).tolist())) if last else Body()
             joint = dof.name if dof is not None else _new_name(f"{element.name}_mount", coordinates)
             coordinates.add(joint)
-            parts = [tuple(_turned(d, turn) for d in group) for group in (before, (dof,) if dof else (), after)]
+            parts = [tuple(_turn(d, turn) for d in group) for group in (before, (dof,) if dof else (), after)]
             out.append(Step(link, joint, parts[1][0] if dof else None, parts[0], parts[2], position, rotation, body))
             position, rotation = np.zeros(3), np.eye(3)
     if shift.any():
@@ -201,7 +201,7 @@ def _groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tuple[D
     return out
 
 
-def _turned(dof: Dof, turn: np.ndarray) -> Dof:
+def _turn(dof: Dof, turn: np.ndarray) -> Dof:
     return replace(dof, axis=tuple((turn.T @ np.array(dof.axis) + 0.0).tolist()))
 
 
@@ -338,7 +338,7 @@ def _tasks(model: RobotModel, folder: Path) -> dict[str, list[dict[str, Any]]]:
 
 def _check_moves(model: RobotModel, again: RobotModel) -> None:
     """Refuse moves that are not those of the model file: they were changed in Python."""
-    ours, theirs = ([_placed(task) for task in (*robot.moves, *robot.programs)] for robot in (model, again))
+    ours, theirs = ([_drop_file(task) for task in (*robot.moves, *robot.programs)] for robot in (model, again))
     if ours != theirs:
         raise ArgumentError(
             f"model {model.name}: given moves that are not those of its file, expected the model as flexgen.read "
@@ -346,6 +346,6 @@ def _check_moves(model: RobotModel, again: RobotModel) -> None:
         )
 
 
-def _placed(task: Move | Program) -> Move | Program:
+def _drop_file(task: Move | Program) -> Move | Program:
     """A move without its file, whose path depends on the folder."""
     return replace(task, file="") if isinstance(task, Move) else task

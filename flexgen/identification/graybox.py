@@ -149,7 +149,7 @@ def _fit(
         agreed=agreed,
         iterations=best.iterations,
         at_bound=tuple(name for name, held in zip(vector.names, best.at_bound, strict=True) if held),
-        weak=(*weak_directions(vector, best.A), *_hidden(vector)),
+        weak=(*weak_directions(vector, best.A), *_report_hidden(vector)),
         data=data,
         variance=residuals.variance,
         deflection_sd=residuals.deflection_sd,
@@ -266,7 +266,7 @@ def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
     return FitStatus.FITTED
 
 
-def _hidden(vector: ParameterVector) -> tuple[str, ...]:
+def _report_hidden(vector: ParameterVector) -> tuple[str, ...]:
     """A sentence on viscous frictions of joints that have Coulomb friction."""
     names = [name for name in with_coulomb(vector.model) if name in vector.names]
     if not names:

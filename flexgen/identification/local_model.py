@@ -144,7 +144,7 @@ class LocalModel:
         """Rows of the deflections of `springs`, (springs, n)."""
         return np.array([row for _, row in self.springs]).reshape(-1, self.model.dof)
 
-    def _averaged(self, residual: ca.SX, sd: ca.SX) -> ca.SX:
+    def _average(self, residual: ca.SX, sd: ca.SX) -> ca.SX:
         """The residual with the mean torques of springs that are not linear; ``sd``: of their deflections."""
         y = self.equations.y[0]
         for k, (spring, row) in enumerate(self.springs):
@@ -163,7 +163,7 @@ class LocalModel:
         y, dy, ddy = e.y
         sd = ca.SX.sym("sd", len(self.springs))
         r = ca.substitute(e.residual, ca.vertcat(dy, ddy), ca.SX.zeros(2 * dy.numel()))
-        r = self._averaged(r, sd)
+        r = self._average(r, sd)
         p, tau = e.symbols, e.lagrangian.tau_m
         derivatives = [ca.densify(ca.jacobian(r, x)) for x in (y, p, tau)]
         return ca.Function("rest", [y, p, tau, sd], [ca.densify(r), *derivatives])
@@ -234,7 +234,7 @@ class LocalModel:
         still = ca.vertcat(dy, ddy, tau)
         speeds = self.model.n_m + self.model.n_a
         deviations = ca.SX.sym("deviations", speeds + len(self.springs))
-        r = self._averaged(e.residual, deviations[speeds:])
+        r = self._average(e.residual, deviations[speeds:])
         jacobians = [ca.jacobian(r, x) for x in (ddy, dy, y, tau)]
         M, D, K, B = (ca.densify(ca.substitute(x, still, ca.SX.zeros(still.numel()))) for x in jacobians)
         D = D + self._friction(dy, deviations[:speeds])

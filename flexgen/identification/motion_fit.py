@@ -223,7 +223,7 @@ class _Shooting:
         out = self.simulate(flat[:, :n], inputs, sets, flat[:, n:], parameters)
         return out.reshape(len(points), count, *out.shape[1:])
 
-    def _weighted(self, y: np.ndarray) -> np.ndarray:
+    def _weight(self, y: np.ndarray) -> np.ndarray:
         """Residuals (..., segments, (samples + 1) n_y)."""
         r = (y - self.y) / self.sd
         return np.asarray(r.reshape(*r.shape[:-2], -1))
@@ -232,7 +232,7 @@ class _Shooting:
         """Residuals at z and their derivatives in z over its scale (segments, residuals, n_z)."""
         n_z = z.shape[1]
         moved = [z + STEP * self.scale * (np.arange(n_z) == k) for k in range(n_z)]
-        found = self._weighted(self._run([x] * (n_z + 1), [z, *moved]))
+        found = self._weight(self._run([x] * (n_z + 1), [z, *moved]))
         return found[0], np.moveaxis(found[1:] - found[0], 0, -1) / STEP
 
     def settle(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -255,7 +255,7 @@ class _Shooting:
         """Residuals (segments, N) and their derivatives in x with z eliminated (segments, N, n)."""
         r, Jz = self.settle(x)
         moved = [x + STEP * (np.arange(len(x)) == k) * self._unit(k) for k in range(len(x))]
-        base = self._weighted(self._run([x, *moved], [self.z] * (len(x) + 1)))
+        base = self._weight(self._run([x, *moved], [self.z] * (len(x) + 1)))
         J = np.moveaxis(base[1:] - base[0], 0, -1) / (STEP * np.array([self._unit(k) for k in range(len(x))]))
         self.Q = _basis(Jz)
         return r, J - self.Q @ (self.Q.swapaxes(-1, -2) @ J)

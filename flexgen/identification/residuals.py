@@ -113,7 +113,7 @@ class Residuals:
         self.kind = "structured"
         return np.sqrt(torque), np.sqrt(output)
 
-    def weighted(self, x: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    def weight(self, x: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Residuals (k, lines, n_m, n_m) and their Jacobian (..., n)."""
         found = self.response(x, derivatives)
         G, dG = found.G, found.dG
@@ -131,11 +131,11 @@ class Residuals:
 
     def cost(self, x: np.ndarray) -> float:
         """Sum of the squares."""
-        return float((np.abs(self.weighted(x, False)[0]) ** 2).sum())
+        return float((np.abs(self.weight(x, False)[0]) ** 2).sum())
 
     def sums(self, x: np.ndarray) -> Sums:
         """Sum of the squares, ``Re J^H r``, ``Re J^H J``."""
-        r, J = self.weighted(x, True)
+        r, J = self.weight(x, True)
         assert J is not None
         flat, r = J.reshape(-1, J.shape[-1]), r.ravel()
         real = np.vstack([flat.real, flat.imag])
@@ -151,7 +151,7 @@ class Residuals:
         inverse = np.linalg.inv(A + prior)
         if self.kind == "structured":
             return inverse @ (0.5 * A + prior) @ inverse
-        _, J = self.weighted(x, True)
+        _, J = self.weight(x, True)
         assert J is not None
         if self.kind == "lls":
             to_weight = 1.0 / np.abs(self.response(x).G)  # a small error of the logarithm, in sd of the element

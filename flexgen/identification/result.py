@@ -397,11 +397,11 @@ def _numbers(model: RobotModel, names: Iterable[str]) -> list[Parameter]:
 def _without_notes(text: str, names: set[str]) -> str:
     """The text without comments of an earlier identification on these parameters."""
 
-    def kept(found: re.Match[str]) -> str:
+    def keep(found: re.Match[str]) -> str:
         notes = [note for note in found[1].split("; ") if note.partition(": sd ")[0] not in names]
         return f"  # {'; '.join(notes)}" if notes else ""
 
-    return re.sub(r"  # ((?:[^\s:;#]+: sd [^\s;#]+(?: %)?(?:; |$))+)$", kept, text, flags=re.MULTILINE)
+    return re.sub(r"  # ((?:[^\s:;#]+: sd [^\s;#]+(?: %)?(?:; |$))+)$", keep, text, flags=re.MULTILINE)
 
 
 def deviation_text(sd: float | None, relative: bool) -> str:

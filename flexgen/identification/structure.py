@@ -110,14 +110,14 @@ def structure(
         candidates += [("remove", name, without(now.vector.model, name)) for name in _removable(robot, now, fixed)]
         for k, (kind, name, changed) in enumerate(candidates):
             tell(f"{kind} {name}: {k + 1} of {len(candidates)}")
-            best = _best(changed, name if kind == "add" else None, data)
+            best = _find_best(changed, name if kind == "add" else None, data)
             if best is not None:
                 gain = criterion(now) - criterion(best)
                 tried.append((Change(kind, name, gain, None, False), best))
         better, rejected = None, []
         for change, fit in sorted(tried, key=lambda pair: -pair[0].gain):
             if change.gain > LEAST_GAIN and change.kind == "add":
-                change = replace(change, held_out=_held_out(now.vector.model, fit.vector.model, data))
+                change = replace(change, held_out=_hold_out(now.vector.model, fit.vector.model, data))
             if change.gain > LEAST_GAIN and (change.held_out is None or change.held_out < 1.0):
                 changes.append(replace(change, kept=True))
                 better = fit
@@ -192,10 +192,10 @@ def _removable(robot: RobotModel, now: IdentificationResult, fixed: Sequence[str
     return [name for name in given if name in there and name not in fixed]
 
 
-def _best(model: RobotModel, new: str | None, data: Frf) -> IdentificationResult | None:
+def _find_best(model: RobotModel, new: str | None, data: Frf) -> IdentificationResult | None:
     """The best fit of a changed model; a new spring is searched from several stiffnesses."""
     if new is None:
-        return _tried(model, data)
+        return _try(model, data)
     local = LocalModel(with_spring(model, new, 1e12, 1e6), ())
     M = local.matrices(local.values, data.poses[:1])[0][0]
     names = [c.name for c in model.coordinates]
@@ -204,12 +204,12 @@ def _best(model: RobotModel, new: str | None, data: Frf) -> IdentificationResult
     for hz in FREQUENCIES:
         w = 2 * np.pi * hz
         stiffness = inertia * w**2
-        fits.append(_tried(with_spring(model, new, stiffness, 2 * DAMPING * stiffness / w), data))
+        fits.append(_try(with_spring(model, new, stiffness, 2 * DAMPING * stiffness / w), data))
     found = [fit for fit in fits if fit is not None]
     return min(found, key=lambda fit: fit.cost) if found else None
 
 
-def _tried(model: RobotModel, data: Frf) -> IdentificationResult | None:
+def _try(model: RobotModel, data: Frf) -> IdentificationResult | None:
     try:
         found = _fit(model, data)
     except (SolverError, np.linalg.LinAlgError):
@@ -222,7 +222,7 @@ def _fit(model: RobotModel, data: Frf) -> IdentificationResult:
     return identify(model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False)
 
 
-def _held_out(before: RobotModel, after: RobotModel, data: Frf) -> float:
+def _hold_out(before: RobotModel, after: RobotModel, data: Frf) -> float:
     """Cost at the second half of the poses of models fitted at the first, after over before."""
     half = len(data.poses) // 2
     first, second = (_part(data, poses) for poses in (slice(None, half), slice(half, None)))

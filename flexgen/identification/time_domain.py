@@ -226,7 +226,7 @@ def refine(
             raise ArgumentError(f"free: given {parameter.name}, expected stiffness, damping, friction or payload")
     begin = {name: value for name, value in found.used().items() if name in {p.name for p in select(model, names)}}
     vector = ParameterVector(model, unknown, start=begin | dict(start or {}), controller=plan.controller)
-    simulated = Simulated(vector, experiment, _chosen(plan, 0, runs), tell)
+    simulated = Simulated(vector, experiment, _choose(plan, 0, runs), tell)
     settings = (vector.start, vector.prior_sd, vector.bounds)
     rough = minimize(simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE)
     simulated.use_noise(rough.x)
@@ -272,7 +272,7 @@ def _check(found: IdentificationResult, experiment: Experiment, runs: int) -> No
         raise ArgumentError(f"runs: given {runs!r}, expected 1 to {most}, the experiments at each pose")
 
 
-def _chosen(plan: Plan, first: int, count: int) -> list[tuple[int, int, int]]:
+def _choose(plan: Plan, first: int, count: int) -> list[tuple[int, int, int]]:
     """At each pose ``count`` experiments, other ones from pose to pose; with other ``first`` other ones."""
     every = [(r, e) for r in range(plan.realizations) for e in range(plan.experiments)]
     return [(k, *every[(k + i) % len(every)]) for k in range(len(plan.poses)) for i in range(first, first + count)]
@@ -316,7 +316,7 @@ def validate(
     if used >= plan.experiments * plan.realizations:
         raise ArgumentError(f"used: given {used}, expected fewer than the {used} experiments at each pose")
     tell = progress if callable(progress) else None
-    simulated = Simulated(found.vector, experiment, _chosen(plan, used, 1), tell)
+    simulated = Simulated(found.vector, experiment, _choose(plan, used, 1), tell)
     simulated.use_noise(found.x)
     r = simulated.residual(found.x)  # (runs, lines, n_m)
     away, size = (np.linalg.norm(x, axis=(0, 1)) for x in (r * simulated.sd, simulated.measured))

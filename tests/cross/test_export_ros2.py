@@ -24,7 +24,7 @@ import flexgen
 from flexgen.cli.main import main
 from flexgen.codegen.clib_files import render
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.exports.emitted import emitted
+from flexgen.exports.emitted import emit
 from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.selftest.motion import targets
 from flexgen.loop.controllers import Cascade
@@ -345,10 +345,10 @@ def test_names_equal_to_words_of_the_templates_are_kept(tmp_path):
     def renamed(text: str) -> str:
         return text.replace(NAME, "flexgen_model").replace(NAME.upper(), "FLEXGEN_MODEL")
 
-    given = emitted(NAME, streams=True)
+    given = emit(NAME, streams=True)
     library = replace(given, name="flexgen_model", header=renamed(given.header), source=renamed(given.source))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flexgen.exports.ros2.export.emitted", lambda *_, **__: library)
+        patch.setattr("flexgen.exports.ros2.export.emit", lambda *_, **__: library)
         flexgen.export_ros2(NAME, tmp_path / "a", package="model", maintainer="flexgen_model @RATE@")
     flexgen.export_ros2(NAME, tmp_path / "b", package="zzz", maintainer="owner")
     for path in (p for p in (tmp_path / "a").rglob("*") if p.is_file() and p.name != "flexgen_export.json"):

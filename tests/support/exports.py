@@ -13,7 +13,7 @@ from pathlib import Path
 from toolchain import tool
 
 import flexgen
-from flexgen.exports.emitted import Emitted, emitted
+from flexgen.exports.emitted import Emitted, emit
 from flexgen.model.elements import RobotModel
 
 PLAIN = ["-std=c99", "-O0", "-ffp-contract=off", "-fPIC"]  # the library's own warnings are tested elsewhere
@@ -30,7 +30,7 @@ def folder() -> Path:
 @cache
 def library_object(name: str, precision: str = "double") -> tuple[Emitted, Path]:
     """The emitted library of a model, and its object file."""
-    library = emitted(name, precision=precision)
+    library = emit(name, precision=precision)
     place = folder() / f"{name}-{precision}"
     place.mkdir()
     for file, text in library.texts().items():

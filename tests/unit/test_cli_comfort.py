@@ -18,7 +18,7 @@ import pytest
 
 from flexgen.cli.main import main
 from flexgen.cli.parser import build_parser, parse
-from flexgen.cli.printing import fitted, table
+from flexgen.cli.printing import fit_tables, table
 from flexgen.cli.verbs.completion import SHELLS, verbs
 from flexgen.library import compiler
 from flexgen.model.catalogue import models
@@ -48,7 +48,7 @@ HEAD = ("name", "motors", "description", "mass kg")
 
 @pytest.mark.parametrize("width", [40, 50, 60, 80, 100])
 def test_tables_fit(width):
-    with fitted(width):
+    with fit_tables(width):
         text = table(ROWS, HEAD)
     assert max(map(len, text.splitlines())) <= width
     words = set(re.findall(r"\w+", text))
@@ -57,7 +57,7 @@ def test_tables_fit(width):
 
 
 def test_columns_that_do_not_fit_are_named():
-    with fitted(30):
+    with fit_tables(30):
         text = table([["a" * 10, 1.0, 2.0, 3.0]], ("name", "first number", "second number", "third"))
     assert "first number" in text.splitlines()[0] and "second number" not in text.splitlines()[0]
     assert "(left out: second number, third;" in " ".join(text.split())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from flexgen.cli.printing import paragraph, table
-from flexgen.cli.result import Progress, VerbResult, derived
+from flexgen.cli.result import Progress, VerbResult, derive_model
 from flexgen.errors import FlexgenError
 
 HINTED = ("analyze", "solve", "simulate", "run", "control", "fastest", "learn")  # verbs that compute with all numbers
@@ -15,7 +15,7 @@ def check(args: Namespace, log: Progress) -> VerbResult:
     """Compare the numbers of a model with those of real robots: wrong units, powers of ten, moves beyond limits."""
     from flexgen.plausibility.check import check as check_model
 
-    found = check_model(derived(args))
+    found = check_model(derive_model(args))
     rows = [[f.mark, f.key, f.quantity, f.value, f.usual] for f in found.findings]
     parts = [table(rows, ("mark", "key", "quantity", "value", "usual")), found.summary()]
     parts += [paragraph(f"{f.mark}: {f.key}, {f.quantity}: {f.advice}") for f in (*found.errors, *found.warnings)]
@@ -30,7 +30,7 @@ def implausible(args: Namespace) -> str:
     from flexgen.plausibility.check import check as check_model
 
     try:
-        found = check_model(derived(args), motions=False)
+        found = check_model(derive_model(args), motions=False)
     except (FlexgenError, ArithmeticError, ValueError):
         return ""
     if found.worst is None:

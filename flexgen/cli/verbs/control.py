@@ -8,7 +8,7 @@ from typing import Any
 
 from flexgen.cli.printing import number, paragraph, table
 from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, written
-from flexgen.cli.verbs.identify import throttled
+from flexgen.cli.verbs.identify import throttle
 from flexgen.errors import ArgumentError
 
 
@@ -27,7 +27,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
         plants=dict(args.plants or ()),
         disturbances=[Disturbance(**given) for given in args.disturbances or ()],
         **keywords(args, "plants", "disturbances"),
-        progress=throttled(log),
+        progress=throttle(log),
     )
     rows = []
     units = [u for u in UNITS if columns_in(model, u)]
@@ -90,7 +90,7 @@ def score(args: Namespace, log: Progress) -> VerbResult:
         given += ["reference", *find_shipped_controllers(chosen.name, chosen.version)] if name == "all" else [name]
     if args.report is not None and len(given) > 1:
         raise ArgumentError(f"--report: given {len(given)} controllers, expected one")
-    tell, found = throttled(log), []
+    tell, found = throttle(log), []
     for name in given:
         log(f"score: {name}")
         found.append(compute(chosen, name, seed=args.seed, progress=tell))
@@ -142,7 +142,7 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
     tuned = improve(
         args.scenario,
         **keywords(args),
-        progress=throttled(log),
+        progress=throttle(log),
     )
     tuned.save(args.out)
     text = f"{tuned}\n  {number(time.perf_counter() - began)} s\nwrote {args.out}"
@@ -162,7 +162,7 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
         model,
         limits=Limits.from_model(model, **numbers) if numbers else None,
         **keywords(args),
-        progress=throttled(log),
+        progress=throttle(log),
     )
     files, lines = written(args, found.solution)
     solved = found.solution.status.value in ("solved", "limits exceeded")

@@ -33,12 +33,12 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
     if reason is not None:
         lines += ["", paragraph(f"not in this library: invert and stream, because {reason}")]
     if library.written:
-        lines += ["", *_written_files(library.files)]
+        lines += ["", *_name_files(library.files)]
     files = "\n".join(f"{path.stat().st_size:>9} bytes  {path}" for path in library.files)
-    return VerbResult(generated_dict(robot, library), "\n".join(lines), details=files)
+    return VerbResult(library_dict(robot, library), "\n".join(lines), details=files)
 
 
-def generated_dict(robot: RobotModel, library: GeneratedLibrary) -> dict[str, Any]:
+def library_dict(robot: RobotModel, library: GeneratedLibrary) -> dict[str, Any]:
     """The data of a generated library for ``--json``."""
     return {
         "model": robot.name,
@@ -52,7 +52,7 @@ def generated_dict(robot: RobotModel, library: GeneratedLibrary) -> dict[str, An
     }
 
 
-def _written_files(files: tuple[Path, ...]) -> list[str]:
+def _name_files(files: tuple[Path, ...]) -> list[str]:
     """The written files a user needs by name, and the number of sources."""
     sources = [path for path in files if path.suffix == ".c" or path.parent.name == "src"]
     shown = [f"wrote {path}" for path in files if path not in sources]

@@ -22,7 +22,7 @@ HARDWARE = {  # options of `excite` and the fields of DriveHardware
 }
 
 
-def throttled(log: Progress) -> Callable[[str], None]:
+def throttle(log: Progress) -> Callable[[str], None]:
     """Print a message now and then."""
     last = time.monotonic()
 
@@ -42,7 +42,7 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
 
     model = read_model(args)
     hardware = DriveHardware.from_model(model, **{HARDWARE[x]: getattr(args, x) for x in HARDWARE if x in args.given})
-    plan = plan_experiment(model, hardware=hardware, **keywords(args), progress=throttled(log))
+    plan = plan_experiment(model, hardware=hardware, **keywords(args), progress=throttle(log))
     plan.save(args.out)
     written = [str(args.out)]
     if args.references is not None:
@@ -88,7 +88,7 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
         from flexgen.identification.recordings.recording_writer import RecordingWriter
 
         writer = RecordingWriter(args.raw, plan, robot)
-    experiment = simulate(plan, robot, raw=writer, **keywords(args, "raw"), progress=throttled(log))
+    experiment = simulate(plan, robot, raw=writer, **keywords(args, "raw"), progress=throttle(log))
     wall = time.perf_counter() - began
     experiment.save(args.out)
     text = (
@@ -172,11 +172,11 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         start=_floats(args.start),
         source=str(args.data),
         **keywords(args, "data", "start"),
-        progress=throttled(log),
+        progress=throttle(log),
     )
     validation: tuple[dict[str, Any], list[str]] = ({}, [])
     if args.refine is not None:
-        found, validation = _refined(found, args, log)
+        found, validation = _refine(found, args, log)
     result = found.to_dict() | validation[0]
     rows = [
         [
@@ -214,7 +214,7 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
 
     alone(args, "--structure", *OF_RESPONSES, "free", "start", "out")
     log("adding and removing springs: about a minute for six axes")
-    found = structure(model, data, fixed=args.fixed, progress=throttled(log))
+    found = structure(model, data, fixed=args.fixed, progress=throttle(log))
     rows = [
         [c.kind, c.name, c.gain, "" if c.held_out is None else c.held_out, "kept" if c.kept else ""]
         for c in found.changes
@@ -253,7 +253,7 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
     return VerbResult(result, "\n".join(lines), problem=problem)
 
 
-def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dict[str, Any], list[str]]]:
+def _refine(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dict[str, Any], list[str]]]:
     """The parameters refined by simulation of the experiment, and what other experiments say of them."""
     from flexgen.identification.experiments.experiment import Experiment
     from flexgen.identification.recordings.description import is_description
@@ -262,7 +262,7 @@ def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dic
 
     experiment = read_experiment(args.refine) if is_description(args.refine) else Experiment.load(args.refine)
     log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
-    fine = refine(found, experiment, progress=throttled(log))
+    fine = refine(found, experiment, progress=throttle(log))
     plan = experiment.plan
     if plan.experiments * plan.realizations < 2:
         return fine, ({}, [])
@@ -288,7 +288,7 @@ def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str,
         return [], f"{words} from; give --truth where the robot is known"
     robot = "the robot of --truth" if args.truth else "robots drawn from the covariance"
     log(f"tool errors of the move {args.move}: a few minutes for six axes")
-    verdict = found.verdict(args.move, truth=args.truth, progress=throttled(log))
+    verdict = found.verdict(args.move, truth=args.truth, progress=throttle(log))
     data: list[dict[str, Any]] = []
     rows: list[list[Any]] = []
     for row in verdict.rows:

@@ -7,7 +7,7 @@ from argparse import Namespace
 from flexgen.atomic_files import write_text
 from flexgen.cli.printing import number, table
 from flexgen.cli.result import Progress, VerbResult, check_own, read_model
-from flexgen.cli.verbs.solve import chosen_move
+from flexgen.cli.verbs.solve import choose_move
 
 
 def path(args: Namespace, log: Progress) -> VerbResult:
@@ -16,7 +16,7 @@ def path(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.paths.path import plan
 
     robot = read_model(args)
-    planned = plan(robot, chosen_move(args.moves, args.move, robot), ignore_limits=args.ignore_limits)
+    planned = plan(robot, choose_move(args.moves, args.move, robot), ignore_limits=args.ignore_limits)
     data = planned.to_dict()
     rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in enumerate(data["segments"], 1)]
     head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")

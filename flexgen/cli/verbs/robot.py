@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexgen.atomic_files import write_text
 from flexgen.cli.printing import analysis_text, description_text, one_line, paragraph, roots, table
-from flexgen.cli.result import Progress, VerbResult, derived
+from flexgen.cli.result import Progress, VerbResult, derive_model
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 
@@ -48,7 +48,7 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
     if not form and args.out is not None:
         form = "latex" if args.out.suffix == ".tex" else "text"
     began = time.perf_counter()
-    equations = derived(args)
+    equations = derive_model(args)
     robot = equations.model
     functions = {name: int(equations.function(name).n_instructions()) for name in _function_names(robot)}
     data: dict[str, Any] = {
@@ -92,7 +92,7 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
     """Analyze the robot at rest at a pose: modes, poles, zeros, phase, structural index."""
     from flexgen.analysis.analyze import analyze as analyze_model
 
-    equations, path = derived(args), None
+    equations, path = derive_model(args), None
     if args.move is not None:
         from flexgen.paths.path import Path as ToolPath
         from flexgen.paths.path import find_move

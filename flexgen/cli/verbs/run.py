@@ -16,7 +16,7 @@ from flexgen.cli.result import (
     keywords,
     read_model,
 )
-from flexgen.cli.verbs.generate import generated_dict
+from flexgen.cli.verbs.generate import library_dict
 from flexgen.cli.verbs.solve import inaccuracy, problem_of
 from flexgen.display import plain
 
@@ -51,7 +51,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     log("solve: inverse dynamics of the move, verified by forward simulation")
     solution = solve_move(equations, **keywords(args), progress=log)
     if solution.interrupted:
-        return _interrupted(solution, directory)
+        return _end_early(solution, directory)
     checked = _check_library(library, equations, solution)
     compared = compare_methods(equations, solution, log)
     log("report")
@@ -81,7 +81,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
         "model": robot.name,
         "variant": robot.variant,
         "analyze": facts,
-        "generate": generated_dict(robot, generated),
+        "generate": library_dict(robot, generated),
         "load": checked,
         "solve": solved,
         "report": str(report),
@@ -91,7 +91,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     return VerbResult(data, text, problem, list(solution.warnings), failure=failure)
 
 
-def _interrupted(solution: Solution, directory: Path) -> VerbResult:
+def _end_early(solution: Solution, directory: Path) -> VerbResult:
     """The result where Ctrl-C ended the solve: the trajectory is written, the report is not."""
     from flexgen.inversion.solve import ACCURACY
 

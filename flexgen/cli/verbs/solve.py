@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import duration, figure_rows, figures, paragraph, suggestion
-from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, derived, keywords
+from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, derive_model, keywords
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
@@ -32,19 +32,19 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
     if not args.verify:
         alone(args, "--no-verify", "accuracy", "robustness")
     several = len(args.move or ()) > 1
-    outputs = [(_named(args.out, name), _below(args.report, name)) for name in args.move] if several else []
+    outputs = [(_insert_name(args.out, name), _below(args.report, name)) for name in args.move] if several else []
     for out, report in outputs or [(args.out, args.report)]:
         check_writable(out)
         if _sends(args):
-            check_writable(_named(out, COMMAND))
+            check_writable(_insert_name(out, COMMAND))
         check_report(report)
-    equations = derived(args, log)
+    equations = derive_model(args, log)
     limits = None
     if args.limits:
         from flexgen.inversion.bounds import Limits
 
         limits = Limits.from_model(equations.model)
-    moves = [chosen_move(args.moves, name, equations.model) for name in args.move or [None]]
+    moves = [choose_move(args.moves, name, equations.model) for name in args.move or [None]]
     _announce(args, equations.model, log)
     if not several:
         return _solve_one(args, equations, moves[0], limits, (args.out, args.report), log)
@@ -70,7 +70,7 @@ def _sends(args: Namespace) -> bool:
     return bool(args.hold != "spline" or args.sample_time is not None or args.delay > 0)
 
 
-def _named(path: Path | None, name: str) -> Path | None:
+def _insert_name(path: Path | None, name: str) -> Path | None:
     """``line.npz`` as ``line_NAME.npz``."""
     return None if path is None else path.with_name(f"{path.stem}_{name}{path.suffix}")
 
@@ -123,7 +123,7 @@ def _solve_one(
         data["trajectory"] = str(solution.trajectory.save(out))
         lines.append(f"wrote {out}")
         if solution.torque_command is not None:
-            command = _named(out, COMMAND)
+            command = _insert_name(out, COMMAND)
             assert command is not None
             data["torque_command"] = str(solution.torque_command.save(command))
             lines.append(f"wrote {command}")
@@ -175,7 +175,7 @@ def _details(solution: Solution) -> str:
     return f"{figures(rows)}\n\n{meaning}" if rows else meaning
 
 
-def chosen_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:
+def choose_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:
     """The move or program with this name in a file of moves, or else in the model; None: the first."""
     if file is None:
         from flexgen.paths.path import find_move
@@ -259,7 +259,7 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
     """Simulate the robot under the motor torques of a trajectory."""
     from flexgen.simulation.simulate import simulate as simulate_model
 
-    equations = derived(args, log)
+    equations = derive_model(args, log)
     simulation = simulate_model(equations, args.trajectory, progress=log)
     shown = {figure.key: figure.value for figure in simulation.figures()}
     data: dict[str, Any] = {"model": equations.model.name, **shown, "trajectory": None}

@@ -155,11 +155,11 @@ def _content(
     texts, token = _texts(block, version)
     files = {name: text.encode() for name, text in texts.items()}
     if compiler is None:
-        return _zipped(files), token, None
+        return _zip(files), token, None
     log(f"compiling {block.name}")
     where, suffix = _platform(version)
-    files[f"binaries/{where}/{block.name}{suffix}"] = _compiled(block, texts, compiler)
-    return _zipped(files), token, where
+    files[f"binaries/{where}/{block.name}{suffix}"] = _compile(block, texts, compiler)
+    return _zip(files), token, where
 
 
 def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> None:
@@ -231,22 +231,22 @@ def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
     top = f'#include "{_PREFIX}warnings.h"\n\n'
     texts |= {name: top * name.endswith(".c") + text for name, text in block.sources.items()}
 
-    def described(token: str) -> str:
+    def describe(token: str) -> str:
         return description_2(block, token, [SOURCE]) if version == "2.0" else description_3(block, token)
 
-    parts = [__version__, described(""), config(block, ""), *(f"{name}\n{texts[name]}" for name in sorted(texts))]
+    parts = [__version__, describe(""), config(block, ""), *(f"{name}\n{texts[name]}" for name in sorted(texts))]
     token = "{" + hashlib.sha256("\0".join(parts).encode()).hexdigest() + "}"
     texts[f"{_PREFIX}config.h"] = config(block, token)
     files = {f"sources/{name}": texts[name] for name in headers}
-    files[f"sources/{SOURCE}"] = _merged(block, texts, interface, set(headers))
-    files["modelDescription.xml"] = described(token)
+    files[f"sources/{SOURCE}"] = _merge(block, texts, interface, set(headers))
+    files["modelDescription.xml"] = describe(token)
     files["documentation/licenses/license.txt"] = _LICENSE
     if version == "3.0":
         files["sources/buildDescription.xml"] = build_description(block, [SOURCE])
     return files, token
 
 
-def _merged(block: Block, texts: Mapping[str, str], interface: str, standard: set[str]) -> str:
+def _merge(block: Block, texts: Mapping[str, str], interface: str, standard: set[str]) -> str:
     """One C file: the interface with its headers put in, then the model, which must not see macros of the former."""
     seen: set[str] = set()
 
@@ -292,7 +292,7 @@ def _check_name(block: Block, fixed: Mapping[str, str]) -> None:
         )
 
 
-def _compiled(block: Block, texts: Mapping[str, str], compiler: Compiler) -> bytes:
+def _compile(block: Block, texts: Mapping[str, str], compiler: Compiler) -> bytes:
     """The shared library of the source."""
     with tempfile.TemporaryDirectory(prefix="flexgen-fmu-") as name:
         folder = Path(name)
@@ -319,7 +319,7 @@ def _run(command: Sequence[str], folder: Path) -> None:
         raise BuildError(f"the C compiler failed on the sources of the FMU:\n  {done.stderr.strip()[:1000]}")
 
 
-def _zipped(files: Mapping[str, bytes]) -> bytes:
+def _zip(files: Mapping[str, bytes]) -> bytes:
     """A zip file without times: the same files give the same bytes. modelDescription.xml comes first."""
     out = BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:

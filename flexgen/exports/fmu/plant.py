@@ -63,7 +63,7 @@ def plant(model: RobotModel, method: str, step: float | None) -> Block:
     graphs = _graphs(equations)
     start = _start(model, held)
     step = _default_step(graphs, equations, start, held) if step is None else step
-    texts, calls, work = _emitted(equations, graphs)
+    texts, calls, work = _emit(equations, graphs)
     name = library_name(model)
     variables = _variables(equations, graphs, start, held, method, step)
     names = [v.name for v in variables if v.kind == PARAMETER]
@@ -105,28 +105,28 @@ def _graphs(equations: Equations) -> _Graphs:
     values = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": u[: model.n_m], "f_tool": f_tool}
     values["parameters"] = p
 
-    def called(name: str, more: Mapping[str, Any] | None = None) -> list[ca.SX]:
+    def call(name: str, more: Mapping[str, Any] | None = None) -> list[ca.SX]:
         function = expand(name, mathematics_of(equations, name))
         given = values | dict(more or {})
         out: list[ca.SX] = function.call([given[key] for key in function.name_in()])
         return out
 
-    a_a, a_m, _ = called("forward_dynamics_tool_force")
+    a_a, a_m, _ = call("forward_dynamics_tool_force")
     inputs, names = [x, u, p], ["state", "input", "parameters"]
     a_me = ca.vertcat(ca.SX(0, 1), *[a_m[j] for j in i_m])
     rate = ca.Function("plant_rate", inputs, [ca.densify(ca.vertcat(x[n:], a_a, a_me))], names, ["rate"])
     accelerations = ca.Function("plant_accelerations", inputs, [a_a, a_m], names, ["a_a", "a_m"])
     s_a, s_m = ca.SX.sym("a_a", n_a), ca.SX.sym("a_m", model.n_m)
-    M, R = called("residual_jacobians", {"a_a": s_a, "a_m": s_m})
+    M, R = call("residual_jacobians", {"a_a": s_a, "a_m": s_m})
     R, R_f = ca.SX(R), ca.SX.zeros(n, 6)
-    J = called("jacobian")[0]
+    J = call("jacobian")[0]
     R[:n_a, :n_a] = R[:n_a, :n_a] - ca.jacobian(ca.mtimes(J.T, f_tool), q_a)
     R_f[:n_a, :] = -J.T
     right = ca.densify(ca.horzcat(R, R_f))
     jacobians = ca.Function(
         "plant_jacobians", [*inputs, s_a, s_m], [ca.densify(M), right], [*names, "a_a", "a_m"], ["M_y", "R_y"]
     )
-    y = _output(model, called, q_m, v_m, q_g, q_a, ca.mtimes(J, v_a))
+    y = _output(model, call, q_m, v_m, q_g, q_a, ca.mtimes(J, v_a))
     output = ca.Function("plant_output", [x], [y], ["state"], ["output"])
     C = ca.Function("plant_output_jacobian", [x], [ca.densify(ca.jacobian(y, x))], ["state"], ["C"])
     return _Graphs(rate, accelerations, jacobians, output, C)
@@ -144,7 +144,7 @@ def _output(model: RobotModel, called: Any, q_m: ca.SX, v_m: ca.SX, q_g: ca.SX, 
     return ca.densify(ca.vertcat(q_m, v_m, p, ca.vec(R.T), v_tool, deflection))
 
 
-def _emitted(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[str, str], str]:
+def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[str, str], str]:
     """The model part: its files, how flexgen_fmu_config.h calls its functions, and the size of the workspace."""
     model = equations.model
     base = library_spec(equations, ("forward_kinematics",))
@@ -178,10 +178,10 @@ def _emitted(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dic
         ins, outs = (tuple(ports[word] for word in words.split()) for words in (given, got))
         extents = {port.name: tuple(map(str, port.shape)) for port in (*ins, *outs)}
         functions.append(FunctionSpec(name, summary, equation, ins, outs, extents, routine))
-    return _written(replace(base, functions=tuple(functions), c_functions=()))
+    return _write(replace(base, functions=tuple(functions), c_functions=()))
 
 
-def _written(spec: LibrarySpec) -> tuple[dict[str, str], dict[str, str], str]:
+def _write(spec: LibrarySpec) -> tuple[dict[str, str], dict[str, str], str]:
     written = function_texts(spec)
     calls = {}
     arguments = {

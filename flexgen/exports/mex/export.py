@@ -10,7 +10,7 @@ from typing import Any
 from flexgen.codegen.c_text import comment, quote
 from flexgen.codegen.interface import TOLERANCES
 from flexgen.errors import BuildError
-from flexgen.exports.emitted import Emitted, ModelLike, emitted
+from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.template import template
 from flexgen.type_checks import checked_types
@@ -54,7 +54,7 @@ def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None
     ModelError, ArgumentError, BuildError
         The model cannot be read, or its name is a keyword; the folder holds other files.
     """
-    library = emitted(model)
+    library = emit(model)
     name = library.name
     if name in KEYWORDS:
         raise BuildError(
@@ -94,8 +94,8 @@ def _function(name: str, f: Mapping[str, Any]) -> str:
     inputs, outputs = [p["name"] for p in f["inputs"]], [p["name"] for p in f["outputs"]]
     left = outputs[0] if len(outputs) == 1 else f"[{', '.join(outputs)}]"
     call = f"{left} = {name}.{f['name']} ({', '.join(inputs)})"
-    lines = [f"{f['name'].upper()}  {f['summary']}", "", *_wrapped(call, "  ", "      ")]
-    lines += ["", *_wrapped(f["equation"], "    ", "    ")] if f["equation"] else []
+    lines = [f"{f['name'].upper()}  {f['summary']}", "", *_wrap(call, "  ", "      ")]
+    lines += ["", *_wrap(f["equation"], "    ", "    ")] if f["equation"] else []
     rows = [(kind, p) for kind in ("inputs", "outputs") for p in f[kind]]
     wide = max(len(p["name"]) for _, p in rows)
     lines += ["", "  SI units; a matrix has a column for each of n points."]
@@ -103,13 +103,13 @@ def _function(name: str, f: Mapping[str, Any]) -> str:
         lines += [""] * (p is f["outputs"][0])
         shape = " x ".join(map(str, (*p["shape"], "n")))
         head = f"  {'in ' if kind == 'inputs' else 'out'} {p['name'].ljust(wide)}  {shape}  [{p['unit']}]  "
-        lines += _wrapped(head + p["doc"], "", "        ")
-    text = "".join(f"%{line}".rstrip() + "\n" for line in [*_wrapped(lines[0], "", "  "), *lines[1:]])
+        lines += _wrap(head + p["doc"], "", "        ")
+    text = "".join(f"%{line}".rstrip() + "\n" for line in [*_wrap(lines[0], "", "  "), *lines[1:]])
     call = f"{left} = {name}_mex ('{f['name']}', {', '.join(inputs)});"
     return f"function {left} = {f['name']} ({', '.join(inputs)})\n{text}%   Written by flexgen.\n\n  {call}\nend\n"
 
 
-def _wrapped(text: str, first: str, rest: str) -> list[str]:
+def _wrap(text: str, first: str, rest: str) -> list[str]:
     return textwrap.wrap(
         text, WIDTH, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False, drop_whitespace=True
     )

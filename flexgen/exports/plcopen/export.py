@@ -7,7 +7,7 @@ import re
 
 from flexgen.codegen.c_text import comment
 from flexgen.errors import BuildError
-from flexgen.exports.emitted import Emitted, ModelLike, emitted
+from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.plcopen.blocks import Block, blocks, struct
 from flexgen.exports.plcopen.text import structured_text, xml
@@ -47,7 +47,7 @@ def export_plcopen(
         The model cannot be read, has no streams, or has a name that IEC 61131-3 does not allow; the folder holds other
         files.
     """
-    library = emitted(model, streams=stream)
+    library = emit(model, streams=stream)
     name = library.name
     if name.endswith("_") or re.search(r"__", name):
         raise BuildError(

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexgen.codegen.c_text import quote
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.exports.emitted import Emitted, ModelLike, emitted
+from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.template import template, xml_text, yaml_text
@@ -78,7 +78,7 @@ def export_ros2(
     ModelError, ArgumentError, BuildError
         The model cannot be read, or has no streams; a name is not allowed; the folder holds other files.
     """
-    library = emitted(model, streams=controller)
+    library = emit(model, streams=controller)
     name = library.name
     chosen = _package_name(package, name)
     if not _EMAIL.match(email):
@@ -100,7 +100,7 @@ def export_ros2(
     notes = (OPEN_GAINS,) * (controller and gains is None)
     texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
     for file, path in _files(chosen, controller).items():
-        texts[path] = _rendered(file, chosen, name, words)
+        texts[path] = _render(file, chosen, name, words)
     return library.write("ros2", directory, texts, force=force, default=chosen, notes=notes)
 
 
@@ -145,7 +145,7 @@ def _files(package: str, controller: bool) -> dict[str, str]:
     return files
 
 
-def _rendered(file: str, package: str, name: str, words: Mapping[str, str]) -> str:
+def _render(file: str, package: str, name: str, words: Mapping[str, str]) -> str:
     """A template with the names of the library, of the package and of its namespace.
 
     The namespace begins with flexgen_, so that a package may be called as a function of C, such as div or signal.
@@ -193,7 +193,7 @@ inline constexpr double START_TOLERANCE = {tolerance!r};
         "STREAM": stream,
         "DEPENDS": "".join(f"  <depend>{dependency}</depend>\n" for dependency in _ROS)
         + "  <exec_depend>controller_manager</exec_depend>\n",
-        "CONTROLLER": _rendered("controller.cmake", package, library.name, {}),
+        "CONTROLLER": _render("controller.cmake", package, library.name, {}),
         "README_CONTROLLER": f"- `{package}/StreamController`: a chainable controller of ros2_control; its "
         "parameters are in `config/`,\n  `launch/` starts it.\n",
         "RATE": str(round(options.samples_per_interval / options.period)),

@@ -6,10 +6,10 @@ import os
 
 from flexgen.codegen.spec import PrecisionName
 from flexgen.errors import SolverError
-from flexgen.exports.emitted import ModelLike, emitted
+from flexgen.exports.emitted import ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.selftest.cases import cases
-from flexgen.exports.selftest.golden import at_rest, expected, states
+from flexgen.exports.selftest.golden import at_rest, compute_expected, states
 from flexgen.exports.selftest.motion import motion_of
 from flexgen.exports.template import template
 from flexgen.model.moves import Move
@@ -61,10 +61,10 @@ def export_selftest(
         The model cannot be read or has a name that C does not allow; the folder holds other files; the torques of the
         move are not found.
     """
-    library = emitted(model, precision=precision)
+    library = emit(model, precision=precision)
     name, equations = library.name, library.equations
     given = states(equations, precision, library.functions)
-    results = expected(equations, library.functions, given)
+    results = compute_expected(equations, library.functions, given)
     rest, moving = None, None
     if library.streams and library.stream is not None:
         try:

@@ -68,7 +68,7 @@ def output_at(equations: Equations, q_a: np.ndarray) -> np.ndarray:
     return np.concatenate([p, R.T.ravel()])
 
 
-def expected(
+def compute_expected(
     equations: Equations, functions: Sequence[Mapping[str, Any]], given: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """What the definition gives: per ``function.port`` an array (POINTS, size), matrices by columns."""

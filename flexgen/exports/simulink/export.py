@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from flexgen.codegen.c_text import comment
-from flexgen.exports.emitted import Emitted, ModelLike, emitted
+from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.template import template
 from flexgen.type_checks import checked_types
@@ -42,7 +42,7 @@ def export_simulink(
     ModelError, ArgumentError, BuildError
         The model cannot be read or has no streams; the folder holds other files.
     """
-    library = emitted(model, streams=stream)
+    library = emit(model, streams=stream)
     name = library.name
     header, source = _ccaller(library)
     blocks = ["inverse_dynamics_sfun.c", *["stream_sfun.c"] * stream]

@@ -190,7 +190,7 @@ def choose(
         raise ArgumentError(f"criterion: given {criterion!r}, expected one of {', '.join(CRITERIA)}")
     if count > len(F):
         raise ArgumentError(f"poses: given {count}, expected at most {len(F)}, the number of candidates")
-    target = counted(vector, names)
+    target = count_parameters(vector, names)
 
     def cost(total: np.ndarray) -> np.ndarray:
         block = covariance(total, vector.prior_sd)[..., target, :][..., target]
@@ -217,7 +217,7 @@ def choose(
     return chosen
 
 
-def counted(vector: ParameterVector, names: Sequence[str] | None = None) -> np.ndarray:
+def count_parameters(vector: ParameterVector, names: Sequence[str] | None = None) -> np.ndarray:
     """Which parameters count: the named ones, by default all but the frictions; all where there are no others."""
     out = np.array([not n.endswith(FRICTIONS) if names is None else n in names for n in vector.names])
     return out if out.any() else np.ones(len(out), bool)

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.experiments.operating_points import counted, covariance, information_by_line
+from flexgen.identification.experiments.operating_points import count_parameters, covariance, information_by_line
 from flexgen.identification.parameters import ParameterVector
 
 KEPT = 0.5  # part of the power that stays where it was
@@ -38,7 +38,7 @@ def with_optimal_spectrum(plan: Plan, vector: ParameterVector) -> Plan:
 
 def optimal_power(F: np.ndarray, vector: ParameterVector) -> np.ndarray:
     """Parts of the power (lines,) that make the trace of the covariance least; ``F`` (lines, n, n)."""
-    target = counted(vector)
+    target = count_parameters(vector)
     power = np.full(len(F), 1.0 / len(F))
     last = np.inf
     for _ in range(STEPS):

@@ -139,7 +139,7 @@ def read_description(path: str | Path) -> Description:
     recordings = []
     for table in root.tables("recording"):
         table.only("file", "pose_rad", "pose_deg", "offset")
-        shifted = _shifted(table, channels)
+        shifted = _shift(table, channels)
         recordings.append((table, Recording(_beside(source, table), clock, shifted, model)))
     steps = [recording.sample_s for _, recording in recordings]
     if max(steps) - min(steps) > 1e-9 * max(steps):
@@ -158,7 +158,7 @@ def _beside(source: Path, table: Table) -> Path:
     raise table.fail("file", "the path of a file, relative to this one")
 
 
-def _shifted(table: Table, channels: tuple[list[_Channel], ...]) -> tuple[list[_Channel], ...]:
+def _shift(table: Table, channels: tuple[list[_Channel], ...]) -> tuple[list[_Channel], ...]:
     """The channels with the offsets that this file has in addition."""
     offsets = table.table("offset")
     if offsets is None:
@@ -250,8 +250,8 @@ class Recording:
             for channel, column in zip(channels, found, strict=True):
                 if len(column) != len(self.t):
                     raise ArgumentError(
-                        f"{self.file}: {_named(kind, channel)}: given {len(column)} samples, expected {len(self.t)} as "
-                        "of the time"
+                        f"{self.file}: {_describe(kind, channel)}: given {len(column)} samples, expected {len(self.t)} "
+                        "as of the time"
                     )
             x = np.stack(found, axis=1) if found else np.zeros((len(self.t), 0))
             self._check(kind, channels, x, model)
@@ -299,7 +299,7 @@ class Recording:
     def _check(self, kind: str, channels: list[_Channel], x: np.ndarray, model: RobotModel) -> None:
         """ArgumentError for channels that do not move, wrap, are limited, or are shorter than the time."""
         for j, channel in enumerate(channels):
-            where = f"{self.file}: {_named(kind, channel)}"
+            where = f"{self.file}: {_describe(kind, channel)}"
             column = x[:, j]
             if kind == "reference":
                 continue  # that of a motor may stand still
@@ -324,7 +324,7 @@ class Recording:
                 raise ArgumentError(f"{where}: at its limit of {top:.4g} N m at t = {self.t[k]:.6g} s: excite less")
 
 
-def _named(kind: str, channel: _Channel) -> str:
+def _describe(kind: str, channel: _Channel) -> str:
     return f"{kind} of {'' if kind == 'signal' else 'motor '}{channel.of} ({channel.name!r})"
 
 

@@ -270,7 +270,7 @@ def identify_rigid(
         error = np.vstack([m - t for m, t in zip(columns.measured, columns.torques(pi, friction), strict=True)])
         sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
     error_rms, scale = columns.errors(pi, friction)
-    there = None if parts == 0 else _left_out(columns, file, pi, sd, prior, parts)
+    there = None if parts == 0 else _leave_out(columns, file, pi, sd, prior, parts)
     status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
     bodies = regressor.bodies(pi)
     balances = fitted_balances(robot, extra, friction)
@@ -285,7 +285,7 @@ def identify_rigid(
     return RigidFit(fitted, robot, pi, friction, sd, rank, extra, covariance, left_out, status)
 
 
-def _left_out(
+def _leave_out(
     columns: _Columns, file: np.ndarray, pi: np.ndarray, sd: np.ndarray, prior: float, parts: int
 ) -> np.ndarray:
     """Rms errors (n_m,) on each part of the recordings of the fit to all others."""
