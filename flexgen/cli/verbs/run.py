@@ -12,7 +12,7 @@ from flexgen.cli.result import (
     Progress,
     VerbResult,
     check_report,
-    derived,
+    derive_model,
     keywords,
     read_model,
 )
@@ -42,7 +42,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.runtime import load
 
     log(f"describe: {robot.title}, {one_line(robot.description)}")
-    equations = derived(args)
+    equations = derive_model(args)
     log("analyze: modes, poles and zeros at the home pose")
     analysis = analyze_model(equations)
     log("generate: C library")
