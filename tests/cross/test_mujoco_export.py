@@ -22,7 +22,7 @@ from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports.mujoco import mjcf
 from flexgen.exports.mujoco_checks import with_friction
-from flexgen.exports.mujoco_inertia import regrouped
+from flexgen.exports.mujoco_inertia import regroup
 from flexgen.model.elements import Body, CubicSpring, PiecewiseSpring, RobotModel, SmoothSpring
 from flexgen.model.reader import model_names
 from flexgen.numerics.evaluate import evaluate
@@ -402,5 +402,5 @@ def test_an_inertia_that_no_body_can_have_is_refused():
     axes = np.linalg.svd(np.array([dof.axis]))[2]  # the axis of the joint first
     tensors = [axes.T @ np.diag([0.1, 5.0, 1.0]) @ axes, *[np.eye(3)] * (len(model.elements) - 1)]
     with pytest.raises(ModelError, match=r"element\.arm1\.body\.inertia: given principal moments 0\.1, 1, 5 ") as found:
-        regrouped(model, tensors, [np.eye(3)] * len(model.elements))
+        regroup(model, tensors, [np.eye(3)] * len(model.elements))
     assert found.value.line == 0
