@@ -144,6 +144,13 @@ PARAMETERS = {
 
 MODULES_OF_SOLVE, MODULES_OF_VERSION = 90, 8  # loaded by `flexgen.solve`, before a call, and by `flexgen --version`
 
+# Functions named by a participle, such as `turned`: public methods, decorators and changed copies; may only shrink.
+PARTICIPLES = 25
+PARTICIPLE = re.compile(
+    r"^ *(?P<property>@[\w.]*property\n *)?def _*(?!(?:speed|feed|need|seed)\()[a-z]+ed"
+    r"\((?:[^()]|\([^()]*\))*\) -> (?!bool)",
+    re.MULTILINE,
+)
 NAMED = re.compile(r"flexgen(\.\w+)+[.:]?(\w+)?\Z")
 IMPORTERS = ("import_module", "__import__")
 
@@ -420,6 +427,21 @@ def test_no_further_function_has_more_than_eight_parameters():
 def test_a_planted_method_with_nine_parameters_is_seen():
     planted = {"flexgen/x.py": "class A:\n    def f(self, a, b, c, d, e, *, f, g, h, i): ...\n    def g(self): ...\n"}
     assert long_signatures(planted) == {"x.py f": 9}
+
+
+def participles(text: str) -> int:
+    """Functions with a participle as their name that are neither properties nor return a bool."""
+    return sum(found["property"] is None for found in PARTICIPLE.finditer(text))
+
+
+def test_functions_are_verbs():
+    assert sum(map(participles, sources().values())) <= PARTICIPLES
+
+
+def test_planted_participle_is_seen():
+    method = "class A:\n    def _turned(self, x: tuple[()]) -> float: ...\n"
+    assert participles(method) == 1 and participles(method.replace("    def", "    @property\n    def")) == 0
+    assert participles(method.replace("float", "bool")) == participles(method.replace("turned", "turn")) == 0
 
 
 def test_rooms_with_their_subfolders_are_not_too_large():
