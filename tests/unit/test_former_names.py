@@ -27,7 +27,7 @@ LARGER = {
 
 
 def larger(functions: dict[str, Any]) -> dict[str, int]:
-    """Functions with more than `MOST` parameters that are no options of the command line, and how many they have."""
+    """Functions with more than `MOST` parameters outside of the command line, and how many they have."""
     counts = {}
     for name, what in functions.items():
         options = {o.parameter for verb in VERBS.values() if verb.function == name for o in verb.options()}
