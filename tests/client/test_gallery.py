@@ -165,6 +165,7 @@ def test_every_script_is_short_and_on_the_page() -> None:
         assert len((GALLERY / f"{name}.py").read_text(encoding="utf-8").splitlines()) <= LINES
 
 
+@pytest.mark.slow
 def test_the_page_of_all_scripts_has_pictures_tables_and_run_times(tmp_path, monkeypatch, capsys) -> None:
     """With two quick scripts, and one that fails: it is reported, and the others are there."""
     build = loaded("build")

@@ -72,7 +72,8 @@ def unstable_zeros(equations: Equations, q_a: np.ndarray) -> int:
 
 
 # --- agreement --------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("name", [*PLANAR, pytest.param("manutec_r3_18", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [*PLANAR, "manutec_r3_18"])
+@pytest.mark.slow
 def test_it_agrees_with_the_other_methods(name: str) -> None:
     problem = question(name, preview=EARLY)
     answer = bvp.solve(problem, usual(problem))

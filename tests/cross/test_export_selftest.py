@@ -39,6 +39,7 @@ def exported(tmp_path_factory):
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_the_selftest_passes(exported):
     library, compiled = library_object("planar5_nmp")
     assert (exported / "planar5_nmp.c").read_text(encoding="ascii") == library.source

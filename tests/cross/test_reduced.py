@@ -171,6 +171,7 @@ def test_a_wrong_derivative_of_the_path_is_seen(monkeypatch: pytest.MonkeyPatch)
     assert relative(tau, reference("planar5_mp")(t)) > 5 * EXACT  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_the_error_falls_with_the_tolerance() -> None:
     here, exact = problem("planar5_mp"), reference("planar5_mp")
     t = np.linspace(0.0, here.path.duration, 251)

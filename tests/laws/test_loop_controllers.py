@@ -178,10 +178,10 @@ def test_a_plug_in_that_does_not_return_ends_the_run(tmp_path, monkeypatch):
 
 
 def test_an_interrupted_plug_in_has_its_arrays_and_stops(tmp_path, monkeypatch):
-    """Ctrl-C in a step of 0.6 s: the arrays are not freed before the thread has ended, which it does after the step."""
+    """Ctrl-C in a step of 2 s: the arrays are not freed before the thread has ended, which it does after the step."""
     source, made = tmp_path / "slow.c", tmp_path / "slow.so"
     source.write_text(
-        f"#include <unistd.h>\n{EXAMPLE.read_text().replace('(void)k;', 'usleep(600000 + 0 * (unsigned)k);')}"
+        f"#include <unistd.h>\n{EXAMPLE.read_text().replace('(void)k;', 'usleep(2000000 + 0 * (unsigned)k);')}"
     )
     flags = ["-O2", "-shared", "-fPIC", f"-I{HEADER.parent}"]
     subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)

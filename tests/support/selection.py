@@ -80,8 +80,11 @@ SLOW_CASES = {
     },
     "cross/test_bvp.py": {"undamped", "zeros change", "flat", "clang", "wrong interval length", "rows swapped"},
     "cross/test_comparison.py": {"joints of both units"},
-    "cross/test_export_ros2.py": {"div"},
-    "cross/test_cross.py": {"synthetic_beam", "synthetic_complete", "synthetic_mixed", "synthetic_spinning"},
+    "cross/test_export_ros2.py": {"div", "signal"},
+    "cross/test_cross.py": {
+        *("synthetic_beam", "synthetic_complete", "synthetic_mixed", "synthetic_spinning"),
+        *("synthetic_elastic-newton_euler", "synthetic_rigid-newton_euler", "undamped", "soft"),
+    },
     "cross/test_end_of_path.py": {"lq"},
     "cross/test_inversion_functions.py": {"ur5_elastic"},
     "cross/test_referees.py": {
