@@ -175,7 +175,7 @@ def test_lqg_is_the_regulator_and_the_filter_of_the_sampled_model(case):
     assert found.status == "done"
 
 
-def test_a_linear_controller_ignores_the_exact_state_that_is_measured_beside(case):
+def test_a_linear_controller_ignores_the_exact_state_that_is_measured_too(case):
     """As it is without the exact state; with it the channels of the state, the last ones, have the weight zero."""
     given = as_linear(law_of(case), 5e-4, case.model.n_m)
     n_y, states = case.model.n_m, 2 * (case.model.n_a + case.model.n_m)
