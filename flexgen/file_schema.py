@@ -40,6 +40,11 @@ def schema(kind: Kind = "model") -> dict[str, Any]:
     ------
     ArgumentError
         There is no such kind.
+
+    Examples
+    --------
+    >>> flexgen.schema()["$schema"]
+    'http://json-schema.org/draft-07/schema#'
     """
     if kind not in KINDS:
         raise ArgumentError(f"schema: given {kind!r}, expected one of {', '.join(KINDS)}")

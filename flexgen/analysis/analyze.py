@@ -125,12 +125,21 @@ def analyze(
     poses : int
         Number of poses on the path.
 
+    Returns
+    -------
+    Analysis
+
     Raises
     ------
     ArgumentError
         The pose has the wrong length or is not finite; a path for another number of outputs than of motors.
     SolverError
         There is no static equilibrium nearby, or none along the path.
+
+    Examples
+    --------
+    >>> f"{flexgen.analyze('elbow').modes[0][0]:.3f} Hz"
+    '0.068 Hz'
     """
     if path is not None and not callable(getattr(path, "sample", None)):
         raise ArgumentError(f"path: given {path!r}, expected a flexgen.Path, such as flexgen.plan(model, move) returns")

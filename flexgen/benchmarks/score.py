@@ -225,6 +225,10 @@ def score(
         Python and shared libraries a new one.
     progress : callable or bool, optional
 
+    Returns
+    -------
+    Score
+
     Raises
     ------
     ArgumentError

@@ -106,6 +106,10 @@ def tune(
         Of the other starts.
     progress : callable or bool, optional
 
+    Returns
+    -------
+    TuningResult
+
     Raises
     ------
     ArgumentError

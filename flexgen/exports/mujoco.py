@@ -85,6 +85,11 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
         body, inertias that no real body has, inertias so small that MuJoCo's least ones count.
     ArgumentError
         There is no such model or friction, or the file cannot be written.
+
+    Examples
+    --------
+    >>> print(flexgen.export_mujoco("elbow", "elbow.xml"))
+    elbow.xml
     """
     path = Path(path)
     if path.suffix != ".xml":

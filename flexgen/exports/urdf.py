@@ -92,6 +92,11 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
         does not move relative to the one before, a coordinate that moves no mass.
     ArgumentError
         There is no such model, its moves were changed in Python, or a file cannot be written or must not be replaced.
+
+    Examples
+    --------
+    >>> print(*flexgen.export_urdf("elbow", "elbow.urdf").files)
+    elbow.urdf elbow.toml
     """
     path = Path(path)
     if path.suffix != ".urdf":

@@ -93,5 +93,10 @@ def derive(model: str | Path | RobotModel, parameters: Sequence[str] = ()) -> Eq
     ------
     ModelError, ArgumentError
         Where the model cannot be read.
+
+    Examples
+    --------
+    >>> flexgen.derive("elbow").model.dof
+    4
     """
     return Equations(model if isinstance(model, RobotModel) else read(model), parameters)

@@ -59,6 +59,11 @@ def read(
         The file has an error.
     ArgumentError
         There is no such file, name or variant.
+
+    Examples
+    --------
+    >>> flexgen.read("elbow", overrides={"motor.m1.inertia": 0.004}).motors[0].inertia
+    0.004
     """
     plain = plain_urdf(model, base, tip)
     if plain is not None:

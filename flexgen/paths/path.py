@@ -159,6 +159,11 @@ def plan(
         The move is unknown or does not fit the model.
     SolverError
         The path leaves the range of a joint or the workspace, or passes a singular pose; the message names the instant.
+
+    Examples
+    --------
+    >>> flexgen.plan("elbow", "line").duration
+    1.0
     """
     equations = model if isinstance(model, Equations) else derive(model)
     path = Path(equations, find_move(equations.model, move))

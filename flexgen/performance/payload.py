@@ -84,6 +84,10 @@ def identify_load(
     rigid : bool
         True: without deflections, for comparison.
 
+    Returns
+    -------
+    Load
+
     Raises
     ------
     ArgumentError

@@ -39,6 +39,11 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
     ------
     ModelError, ArgumentError
         The model file has an error.
+
+    Examples
+    --------
+    >>> flexgen.check("elbow").errors
+    ()
     """
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model

@@ -156,6 +156,12 @@ def simulate(
         The trajectory does not belong to the model.
     SolverError
         The integration failed; the text gives the time.
+
+    Examples
+    --------
+    >>> motion = flexgen.simulate("elbow", flexgen.solve("elbow").trajectory)
+    >>> motion.tool_error_max_m < 1e-6
+    True
     """
     from flexgen.simulation.growth import growth_along
 

@@ -105,7 +105,6 @@ LARGE = {
     "identification": 6500,  # three procedures: frequency responses, motions, recordings of rigid robots
     "exports": 4390,  # six programs of others, each in a folder of its own
     "model": 4070,
-    "cli": 4090,
 }
 
 MOST = 8

@@ -53,6 +53,11 @@ def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None
     ------
     ModelError, ArgumentError, BuildError
         The model cannot be read, or its name is a keyword; the folder holds other files.
+
+    Examples
+    --------
+    >>> print(flexgen.export_mex("elbow"))
+    exports/elbow_mex
     """
     library = emit(model)
     name = library.name

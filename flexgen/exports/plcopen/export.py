@@ -46,6 +46,11 @@ def export_plcopen(
     ModelError, ArgumentError, BuildError
         The model cannot be read, has no streams, or has a name that IEC 61131-3 does not allow; the folder holds other
         files.
+
+    Examples
+    --------
+    >>> print(flexgen.export_plcopen("elbow"))
+    exports/elbow_plcopen
     """
     library = emit(model, streams=stream)
     name = library.name

@@ -1,0 +1,73 @@
+"""Public functions have an example in their docstring, which runs; those without are listed."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+
+import pytest
+
+import flexgen
+
+# Without an example; no function may be added.
+WITHOUT = set(
+    """
+    models describe read_moves export_simulink plan_problem solve sweep generate load excite measure frf identify
+    refine
+    fit_motion
+    control feedback_study tune fastest identify_load kinematics learn score export_ros2 export_selftest view
+    combinations
+    random_moves
+    """.split()
+)
+NOT_RUN = {"export"}  # needs a package of another author; tests/client/test_extensions.py installs one
+SLOW = {"export_mex", "export_plcopen", "export_fmu"}
+WITHOUT_RETURNS = {"solve", "fit_motion", "measure", "frf", "combinations", "random_moves"}
+
+
+def functions() -> dict[str, object]:
+    return {name: what for name in flexgen.__all__ if inspect.isfunction(what := getattr(flexgen, name))}
+
+
+def without_example(named: dict[str, object]) -> set[str]:
+    return {name for name, what in named.items() if "\n    Examples\n    --------\n" not in (what.__doc__ or "")}
+
+
+def failures(name: str, what: object) -> int:
+    """Examples of a docstring that fail; they are run with flexgen imported."""
+    finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner(verbose=False)
+    (test,) = finder.find(what, name, globs={"flexgen": flexgen})
+    assert test.examples, f"{name}: an example begins with >>>"
+    return runner.run(test, out=lambda text: None).failed
+
+
+def test_each_public_function_has_an_example_or_is_listed():
+    named = functions()
+    assert without_example(named) == WITHOUT
+    no_returns = {name for name, what in named.items() if "\n    Returns\n" not in (what.__doc__ or "")}
+    assert no_returns == WITHOUT_RETURNS
+
+
+def test_planted_functions_without_or_with_a_wrong_example_are_seen():
+    def planted():
+        """Return nothing.
+
+        Examples
+        --------
+        >>> 1 + 1
+        3
+        """
+
+    assert without_example({"planted": functions}) == {"planted"} and failures("planted", planted) == 1
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW))
+        for name in sorted({*flexgen._VERBS} - WITHOUT - NOT_RUN)
+    ],
+)
+def test_the_example_of_a_docstring_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert failures(name, getattr(flexgen, name)) == 0
