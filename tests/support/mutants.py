@@ -3,8 +3,9 @@
     python tests/support/mutants.py --count 200 --seed 1
 
 The quick tests run once in a copy whose functions report which test calls them. The tests of a mutant are those that
-call its function, in files that name its module or its room first, then the shortest first; of a line outside
-functions, the files that name it. A mutant survives where all of them pass, or where there is none. The source is
+call its function, one case of each test function before the others, those in files that name its module or its room
+first, then the shortest first; of a line outside functions, the files that name it. Numbers in texts and arguments that
+change no result are left out. A mutant survives where all of them pass, or where there is none. The source is
 changed in copies only.
 """
 
@@ -28,6 +29,7 @@ COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!="
 COMPARED |= {ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in"}
 COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.MatMult: "*", ast.Pow: "*"}
 QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
+SILENT = {"strict", "frozen", "repr", "slots", "eq"}  # arguments that change no result
 MOST_TESTS, MOST_FILES, TIMEOUT_S = 40, 6, 240
 HITS = """import os
 _seen = set()
@@ -66,10 +68,21 @@ class Mutant:
         return "".join(lines)
 
 
+def _silent(tree: ast.Module) -> set[int]:
+    """Constants that change no result, by their `id`."""
+    heads = [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
+    heads += [node.value for node in ast.walk(tree) if isinstance(node, ast.keyword) and node.arg in SILENT]
+    return {id(node) for head in heads for node in ast.walk(head) if isinstance(node, ast.Constant)}
+
+
 def mutants_of(file: Path) -> list[Mutant]:
     """All mutants of a file."""
     out = []
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    silent = _silent(tree)
+    for node in ast.walk(tree):
+        if id(node) in silent:
+            continue
         new = None
         if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
             left, right = ast.unparse(node.left), ast.unparse(node.comparators[0])
@@ -177,8 +190,9 @@ def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
     far = {path.relative_to(ROOT).as_posix(): (module not in text, room not in text) for path, text in texts.items()}
     if function_of(mutant) is None:
         return sorted((name for name, (_, other) in far.items() if not other), key=lambda name: far[name])[:MOST_FILES]
-    called = calls.tests.get(number, set())
-    return sorted(called, key=lambda test: (far[test.partition("::")[0]], calls.seconds.get(test, 1.0)))[:MOST_TESTS]
+    called = sorted(calls.tests.get(number, set()), key=lambda test: calls.seconds.get(test, 1.0))
+    first = set({test.partition("[")[0]: test for test in reversed(called)}.values())  # the shortest of each function
+    return sorted(called, key=lambda test: (test not in first, far[test.partition("::")[0]]))[:MOST_TESTS]
 
 
 def survives(mutant: Mutant, tests: list[str], copy: Path) -> bool:
