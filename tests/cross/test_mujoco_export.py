@@ -10,6 +10,7 @@ import functools
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -20,7 +21,7 @@ from random_robots import Case, cases
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.exports.mujoco import mjcf
+from flexgen.exports.mujoco import _Writer, mjcf
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.exports.mujoco_inertia import regroup
 from flexgen.model.elements import Body, CubicSpring, PiecewiseSpring, RobotModel, SmoothSpring
@@ -404,3 +405,10 @@ def test_an_inertia_that_no_body_can_have_is_refused():
     with pytest.raises(ModelError, match=r"element\.arm1\.body\.inertia: given principal moments 0\.1, 1, 5 ") as found:
         regroup(model, tensors, [np.eye(3)] * len(model.elements))
     assert found.value.line == 0
+
+
+def test_the_inertia_across_rotors_is_that_of_the_element_that_carries_them():
+    motor = SimpleNamespace(carrier="arm1", axis=(0.0, 0.0, 1.0), inertia=4.0)
+    writer = SimpleNamespace(drives=[SimpleNamespace(turning=None, motor=motor)])
+    assert np.array_equal(_Writer._carried(writer, "arm1"), np.diag([2.0, 2.0, 0.0]))
+    assert not _Writer._carried(writer, "arm2").any()

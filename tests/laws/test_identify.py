@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError, SolverError
+from flexgen.identification.graybox import weak_directions
 from flexgen.identification.local_model import Drive
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus
@@ -137,6 +139,17 @@ def test_parameters_that_the_data_do_not_show_are_reported_and_kept(tmp_path):
     assert found.is_weak("m1.viscous") and any(line.startswith("m1.viscous is not") for line in found.weak)
     assert "m1.viscous" not in found.used()
     assert found.model.motors[0].friction.viscous == 1e-9
+
+
+@pytest.mark.parametrize(("scales", "weak"), [(("log", "linear"), 1), (("linear", "log"), 0)])
+def test_a_parameter_without_logarithm_is_weak_in_units_of_its_prior(scales, weak):
+    """Information 1 of both: a standard deviation of 1, a factor e, or a quarter of the prior of 4."""
+    vector = SimpleNamespace(
+        unknowns=[SimpleNamespace(scale=scale) for scale in scales], prior_sd=np.array([4.0, 1e-3]), names=("a", "b")
+    )
+    lines = weak_directions(vector, np.diag([0.5, 0.5e8]))
+    assert [line.startswith("a is not determined") for line in lines] == [True] * weak
+    assert weak == 0 or lines[0].endswith("(sd 100 %)")
 
 
 def test_tied_parameters_keep_their_ratio():

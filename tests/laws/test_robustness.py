@@ -116,3 +116,8 @@ def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(ArgumentError, match="given stiffness 0, expected a positive factor"):
         perturb(equations.model, Plant("none", stiffness=0))
     assert Bandwidth().position == 20.0
+
+
+def test_a_plant_without_numbers_is_the_robot_itself() -> None:
+    model = read("planar5_nmp")
+    assert perturb(model, Plant("same")) == model

@@ -17,6 +17,7 @@ from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.outputs import channels
+from flexgen.identification.parameters import with_sensor_delays
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.identification.result import FitStatus
@@ -123,10 +124,17 @@ BAD = [
     ({"type": "tracker", "unit": "m", "axes": []}, "sensor.s.axes"),
     ({"type": "tracker", "unit": "m", "axes": ["x", "x"]}, "sensor.s.axes"),
     ({"type": "tracker", "unit": "m", "axes": [[0, 0, 0]]}, "sensor.s.axes"),
+    ({"type": "tracker", "unit": "m", "axes": [[1, 2]]}, "sensor.s.axes"),
     ({"type": "tracker", "unit": "m", "noise": -1.0}, "sensor.s.noise"),
     ({"type": "tracker", "unit": "m", "sample_s": 0.0}, "sensor.s.sample_s"),
     ({"type": "radar", "unit": "m"}, "sensor.s.type"),
 ]
+
+
+def test_identified_delays_are_those_of_their_sensors() -> None:
+    model = planar()
+    found = with_sensor_delays(model, {"rate.delay": 3e-3, "m1.delay": 9.0})
+    assert [sensor.delay_s for sensor in found.sensors] == [0.0, 3e-3, 1e-3] and with_sensor_delays(model, {}) is model
 
 
 @pytest.mark.parametrize(("entries", "key"), BAD)

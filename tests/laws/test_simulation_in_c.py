@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -14,7 +15,7 @@ import flexgen
 from flexgen.errors import SolverError
 from flexgen.simulation import compiled_rate, integrators, run
 from flexgen.simulation.compiled_rate import CompiledDop853
-from flexgen.simulation.integrators import Rates, integrate
+from flexgen.simulation.integrators import Rates, _Scipy, integrate
 from flexgen.simulation.result import Simulation
 
 RTOL, ATOL = 1e-11, 1e-12
@@ -145,3 +146,14 @@ def test_the_limit_of_evaluations_is_that_of_the_explicit_method(monkeypatch: py
     rate = ca.Function("rate", [x, u], [ca.vertcat(x[1], -4e6 * x[0] + u)])
     with pytest.raises(SolverError, match="evaluations; check the units"):
         in_c(rate, PPoly(np.ones((1, 1, 1)), [0.0, 2.0]), t, np.ones(2))
+
+
+@pytest.mark.parametrize(("message", "y", "failure"), [("too small a step", 0.0, "too small a step"),
+                                                       (None, np.nan, "not finite"), (None, 0.0, "")])  # fmt: skip
+def test_a_failed_step_of_scipy_has_a_reason(message, y, failure):
+    solver = SimpleNamespace(t=0.0, y=np.array([y]), nfev=0, status="failed" if message else "running")
+    solver.step = lambda: setattr(solver, "nfev", solver.nfev + 1) or message
+    solver.dense_output = lambda: np.sin
+    steps = _Scipy(solver, np.array([1.0]))
+    assert steps.advance(np.zeros((1, 1)), 0, 3) == 0 and steps.failure == failure
+    assert solver.nfev == (1 if failure else 3)

@@ -19,7 +19,7 @@ from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError, ModelError
 from flexgen.exports.fmu import export as export_module
 from flexgen.exports.fmu.controller import _variables
-from flexgen.exports.fmu.description import element
+from flexgen.exports.fmu.description import _variable_3, element
 
 
 def files_of(path):
@@ -231,3 +231,6 @@ def test_the_angles_and_torques_of_a_controller_are_discrete():
     sampled = ("measured_angle", "reference_angle", "feedforward_torque", "torque")
     assert all(kinds[name] == "discrete" for name in sampled) and len(kinds) > len(sampled)
     assert not any(kind == "discrete" for name, kind in kinds.items() if name not in sampled)
+    for v in found:
+        real, whole = (" ".join(_variable_3(replace(v, whole=x))) for x in (False, True))
+        assert f'unit="{v.unit}"' in real and "<Float64" in real and "unit=" not in whole and "<Int32" in whole

@@ -13,8 +13,10 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.blended_curve import BlendedCurve
 from flexgen.paths.move_planner import plan_move
 from flexgen.paths.path import Path, chain_rule
+from flexgen.paths.segments import Line
 from flexgen.paths.time_laws import TimeLaw
 
 
@@ -206,3 +208,20 @@ def test_a_file_with_motion_that_is_not_an_output_is_refused(tmp_path: FilePath)
             continue
         with pytest.raises(ArgumentError, match=r"with 0\.05 m along z"):
             flexgen.plan("planar5_nmp", move)
+
+
+def test_sections_of_a_blended_curve_follow_each_other() -> None:
+    """Lines and corners of three zones: one begins where the other ends, from 0 to the sum of the lengths."""
+    lines = [Line(np.array(x), np.zeros(3), largest=True) for x in ([1.0, 0.0], [0.5, 2.0], [-3.0, 0.0], [0.0, 1.0])]
+    zones = [0.3, 0.1, 0.2]
+    found = BlendedCurve(np.zeros(2), None, lines, zones).sections
+    sizes = [2 * zones[x.segment] if x.corner else x.length for x in found]
+    assert [x.start for x in found] == pytest.approx([0.0, *np.cumsum(sizes)[:-1]]) and sum(sizes) == pytest.approx(7.0)
+
+
+def test_a_joint_move_has_the_bounds_of_the_joint_that_moves_furthest() -> None:
+    arm = flexgen.derive("planar5_nmp")
+    ends = {"one": (0.5, -1.1), "both": (0.5, -0.9)}
+    moves = [Move(name, "joint", (0.3, -1.1), 0.0, 0, end=end, profile=(0.5, 5.0, 100.0)) for name, end in ends.items()]
+    one, both = (Path(arm, move).duration for move in moves)
+    assert both == pytest.approx(one, rel=1e-9)

@@ -293,6 +293,11 @@ def test_a_periodic_motion_ends_as_it_begins(planar):
 def test_an_unknown_number_is_found(tmp_path):
     """The least bound of the torque with which the double integrator makes its way in time: 4 J y / T^2."""
     problem = flexgen.plan_problem(flexgen.read(str(double_integrator(tmp_path))), mesh=20)
+    problem.parameter("unused")
+    assert vars(problem.parameters[0]) | {"symbol": None} == {
+        "symbol": None, "lower": -np.inf, "upper": np.inf, "guess": 0.0,
+    }  # fmt: skip
+    problem.parameters.clear(), problem.unknowns.pop()
     largest = problem.parameter("largest", 0.0, 100.0, guess=10.0)
     problem.add_cost(largest, at="end")
     problem.subject_to(problem["tau_m"] <= largest)

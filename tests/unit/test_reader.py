@@ -15,7 +15,7 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import elements as nouns
 from flexgen.model.format_robot import rotation_matrix
 from flexgen.model.reader import model_names, read
-from flexgen.spec.toml_lines import parse, unwrap
+from flexgen.spec.toml_lines import Scanner, leaves, parse, unwrap, wrap
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -387,3 +387,16 @@ def test_every_key_of_a_shipped_file_is_located():
         root = parse(text)
         look(root, "")
         assert unwrap(root)["name"] == path.stem
+
+
+def test_tables_and_keys_have_the_line_where_they_are_first_named():
+    text = "first = 1\n\n[a.b]\nc = 2\n[a]\nd = {\n}\n[[many]]\n[[many]]\ne = [\n1]\n".replace("{\n}", "{ x = 1 }")
+    lines = Scanner(text).lines
+    expected = {("first",): 1, ("a",): 3, ("a", "b"): 3, ("a", "b", "c"): 4, ("a", "d"): 6, ("many",): 7,
+                ("many", 0): 7, ("many", 1): 8, ("many", 1, "e"): 9}  # fmt: skip
+    assert {path: lines[path] for path in expected} == expected
+
+
+def test_values_without_a_file_have_line_zero():
+    entry = wrap({"a": [1, {"b": 2}]})
+    assert {(x.line, x.file) for x in (entry, *leaves(entry))} == {(0, "")}

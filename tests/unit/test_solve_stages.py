@@ -14,7 +14,7 @@ import flexgen
 from flexgen.errors import SolverError
 from flexgen.inversion.methods.collocation import collocate
 from flexgen.inversion.motor_side import deflections
-from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.problem import InversionProblem, _graded_nodes
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import residual_rows
 from flexgen.inversion.status import Status
@@ -159,3 +159,12 @@ def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_torque_has_a_sample_each_millisecond_and_at_least_400(duration: float, step: float) -> None:
     path = SimpleNamespace(duration=duration)
     assert InversionProblem.step.fget(SimpleNamespace(path=path)) == pytest.approx(step, rel=1e-12)  # type: ignore
+
+
+@pytest.mark.parametrize(("early", "longest", "shortest"), [(0.3, 0.02, 1e-3), (0.05, 0.02, 1e-4), (4e-4, 0.02, 1e-3)])
+def test_nodes_before_the_path_become_closer_towards_it(early: float, longest: float, shortest: float) -> None:
+    nodes = _graded_nodes(early, longest, shortest)
+    assert nodes is not None and nodes[0] == pytest.approx(-early) and nodes[-1] == 0.0
+    steps = np.diff(nodes)[::-1]  # from the path on
+    assert steps[0] <= shortest * (1 + 1e-12) and steps.max() <= longest and np.all(np.diff(steps) >= -1e-12)
+    assert _graded_nodes(early, longest, longest) is None and _graded_nodes(0.0, longest, shortest) is None
