@@ -20,6 +20,7 @@ from flexgen.errors import ArgumentError, BuildError, ModelError
 from flexgen.exports.fmu import export as export_module
 from flexgen.exports.fmu.controller import _variables
 from flexgen.exports.fmu.description import _variable_3, element
+from flexgen.exports.fmu.variables import STATUS
 
 
 def files_of(path):
@@ -232,5 +233,8 @@ def test_the_angles_and_torques_of_a_controller_are_discrete():
     assert all(kinds[name] == "discrete" for name in sampled) and len(kinds) > len(sampled)
     assert not any(kind == "discrete" for name, kind in kinds.items() if name not in sampled)
     for v in found:
-        real, whole = (" ".join(_variable_3(replace(v, whole=x))) for x in (False, True))
-        assert f'unit="{v.unit}"' in real and "<Float64" in real and "unit=" not in whole and "<Int32" in whole
+        assert f'<Float64 name="{v.name}"' in " ".join(_variable_3(v)) and f'unit="{v.unit}"' in " ".join(
+            _variable_3(v)
+        )
+    (status,) = _variable_3(replace(found[-1], kind=STATUS))
+    assert status.startswith("<Int32") and "unit=" not in status
