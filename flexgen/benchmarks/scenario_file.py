@@ -119,7 +119,7 @@ def _check_times(table: Table, here: Context) -> None:
     length = here.values.get("length_s") or here.values["duration_s"]
     for inner, d in zip(table.tables("disturbance", False), here.values["disturbance"], strict=True):
         if not 0 <= d.start_s < length or (d.kind != "step" and d.end_s > length):
-            raise inner.fail("start_s", f"one within {length:g} s, to its end", f"{d.start_s:g} to {d.end_s:g} s")
+            raise inner.fail("start_s", f"one that ends within {length:g} s", f"{d.start_s:g} to {d.end_s:g} s")
 
 
 def _check_overlap(table: Table, here: Context) -> None:

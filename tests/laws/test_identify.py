@@ -103,7 +103,7 @@ def test_under_a_model_error_no_standard_deviations_are_stated(fault, tmp_path):
     away = np.abs(list(errors(found, truth_of(truth)).values()))
     assert (away / np.sqrt(np.diag(found.formal_covariance))).max() > 10
     assert found.covariance is None and set(found.sd.values()) == {None}
-    assert {row["sd"] for row in found.figures()["parameters"]} == {None}
+    assert {row["sd"] for row in found.to_dict()["parameters"]} == {None}
     cells = re.findall(r"stiffness</td><td[^>]*>[^<]*</td><td>[^<]*</td><td[^>]*>([^<]*)", _parameters(found))
     assert cells == ["-"] * 3  # of the report
     old = tmp_path / "old.toml"  # whose comments are those of an earlier identification
