@@ -21,7 +21,7 @@ from flexgen.model.elements import RobotModel
 
 _N = "n_pre + n + n_post"
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
-_BEHIND_PARAMETERS = (("q_start", "const real *"), ("t", "real"))
+_BEHIND_PARAMETERS = (("q_start", "const real *"), ("t", "real"), ("growth", "real *"))
 _GIVEN = Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS)
 
 
@@ -117,6 +117,32 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         elastic=True,
         double=True,
         part="bvp",
+    ),
+    CFunction(
+        "growth_work",
+        "growth.c",
+        "Length of the workspace of growth, in reals.",
+        "",
+        (),
+        returns="size",
+    ),
+    CFunction(
+        "growth",
+        "growth.c",
+        "Largest growth of a perturbation from the start of a motion to an instant of it, under motor torques alone.",
+        "Errors of the model and of the start grow by this factor: where it is above about 1000 only feedback keeps "
+        "the robot on its path. It is the largest singular value of the transition matrix of the positions, of motors "
+        "on the arm side, with the linearization every 10 ms (at most 1000 times); at most 1e300 (single precision: "
+        "1e37). The members q_a, v_a, q_m, v_m and tau_m of the motion are read, such as invert has written them; "
+        "with a hold the factor is approximate.",
+        (
+            Field("motion", "const motion *", (), "", "N = n samples"),
+            Field("n", "int", (), "1", "number of samples, at least 2"),
+            Field("period", "real", (), "s", "time between two samples"),
+            Field("growth", "real *", ("1",), "1", "result, at least 1"),
+            Field("work", "real *", ("work_size",), "", "workspace"),
+            _size("growth"),
+        ),
     ),
     CFunction(
         "stream_work",
@@ -274,6 +300,7 @@ def offered_c_functions(
     if inversion_reason(model, functions) is not None:
         return kinematic
     offered = [f for f in C_FUNCTIONS if model.n_e or not f.elastic]
+    offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:
         return (*(function for function in offered if not function.parametrized), *kinematic)
@@ -304,7 +331,7 @@ def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
 
 
 def _with_parameters(function: CFunction) -> CFunction:
-    """The function with the run-time parameters as an argument, before its input ``q_start`` or ``t``."""
+    """The function with the run-time parameters as an argument, before ``q_start``, ``t`` or ``growth``."""
     inputs = [k for k, a in enumerate(function.arguments) if (a.name, a.kind) in _BEHIND_PARAMETERS]
     if not inputs:
         return function

@@ -24,7 +24,7 @@ from flexgen.expressions.literals import literal
 from flexgen.mechanics.signatures import INVERSION
 
 FOLDER = "flexgen.clib"
-SOLVERS = ("bvp.c", "invert.c", "stream.c")  # parts of one source, so that they share their functions
+SOLVERS = ("bvp.c", "growth.c", "invert.c", "stream.c")  # parts of one source, so that they share their functions
 KERNEL = (
     "kernel.h",
     "kernel_functions.h",
@@ -311,6 +311,7 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         body = ",\n".join(f"    {join(row)}" for row in A)
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
     text += f"static const real rotor_inertia[{nm}] = {join(constants.rotor_inertia)};\n"
+    text += _for_growth(spec, written, join(constants.arm_side))
     used = [f for f in spec.functions if f.name in INVERSION]
     space = space_of(spec, written)
     calls = "".join(_call(spec, f, written[f.name].work) + batch_call(spec, f) for f in used)
@@ -357,6 +358,22 @@ def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
     names = [p.name for p in (*f.inputs, *f.outputs)]
     held = {"parameters": "PARAMETERS_OF(work)"} if spec.parameters else {}
     return ", ".join(name for name in names if name not in held), ", ".join(held.get(name, name) for name in names)
+
+
+def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
+    """What the function growth needs: scales of positions, and the linearization with a workspace of its own."""
+    if not any(f.file == "growth.c" for f in spec.c_functions):
+        return ""
+    (f,) = (f for f in spec.functions if f.name == "linearize")
+    ports, text = [p.name for p in (*f.inputs, *f.outputs)], written[f.name]
+    macros = ", ".join([*(name for name in ports if name != "parameters"), "parameters", "work"])
+    given = ", ".join([*ports, *["work"] * (text.work > 0)])
+    prefix = spec.name.upper()
+    return (
+        f"static const real arm_side[{prefix}_NX / 2] = {arm_side}; /* factors of the positions in a state */\n"
+        f"#define {prefix}_LINEARIZE_SPACE {space_of(spec, written, (f.name,))}\n"
+        f"#define evaluate_linearize({macros}) ((void)(parameters), (void)(work), {spec.name}_linearize({given}))\n"
+    )
 
 
 def _damping(spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Sequence[float]], str]) -> str:

@@ -28,6 +28,8 @@ class MotorConstants:
     gears : tuple of str
         Names of the actuated coordinates, which name the gears.
     gear_is_rigid, gear_is_linear : tuple of bool
+    arm_side : tuple of float
+        Of each position in the state of ``linearize``: 1, or the largest gear ratio of a motor behind elastic gears.
     pose : bool
         Whether the output is a pose.
     """
@@ -42,6 +44,7 @@ class MotorConstants:
     gears: tuple[str, ...]
     gear_is_rigid: tuple[bool, ...]
     gear_is_linear: tuple[bool, ...]
+    arm_side: tuple[float, ...]
     pose: bool
 
 
@@ -64,5 +67,6 @@ def motor_constants(model: RobotModel) -> MotorConstants:
         gears=tuple(model.coordinates[i].name for i in model.i_g),
         gear_is_rigid=tuple(gear.rigid for gear, _ in made),
         gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
+        arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         pose=model.output.type == "tool_pose",
     )

@@ -18,6 +18,7 @@ from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, load_verified
+from flexgen.runtime.growth import Growth, growth_of
 from flexgen.runtime.identity import REALS, entry_of, read_manifest, verify
 from flexgen.runtime.inverse_kinematics import InverseKinematics, inverse_kinematics_of
 from flexgen.runtime.limited_inversion import LimitedInverter
@@ -92,8 +93,8 @@ class Library:
         self.states: tuple[str, ...] = tuple(manifest["states"])
         self._again = (str(directory.resolve()), manifest["build"]["sha256"])
         self._inverters, self.streams, self.samplers = dict(inverters or {}), streams, samplers
-        self._inverse_kinematics = inverse_kinematics
-        self._closed = False
+        self._inverse_kinematics, self._closed = inverse_kinematics, False
+        self._growth: Growth | None = None
 
     @property
     def inverse_kinematics(self) -> InverseKinematics:
@@ -127,6 +128,13 @@ class Library:
         if found is None:
             raise ArgumentError(f"{self.name}: given a library without {name}, expected {expected}")
         return found
+
+    @property
+    def growth(self) -> Growth:
+        """Largest growth of a perturbation along a motion; ArgumentError where the library has none."""
+        if self._growth is None:
+            raise ArgumentError(f"{self.name}: given a library without growth, expected {_INVERTS}, with linearize")
+        return self._growth
 
     def path_sampler(self, table: Any, *, parameters: Any = None) -> PathSampler:
         """Samples of a planned path by the library: ``y, dy, ddy = sampler(t)``.
@@ -244,7 +252,7 @@ class Library:
                 inverter.close()
         if self._inverse_kinematics is not None:
             self._inverse_kinematics.close()
-        for offered in (self.streams, self.samplers):
+        for offered in (self.streams, self.samplers, self._growth):
             if offered is not None:
                 offered.closed.set()
 
@@ -357,7 +365,7 @@ def _load(folder: Path, sha256: str | None) -> Library:
             for f in manifest["functions"]
         }
         found = partial(entry_of, library)
-        others = ("streams", "samplers", "inverse_kinematics")
+        others = ("streams", "samplers", "inverse_kinematics", "growth")
         again = {what: (offered_again, (str(trusted), recorded, what)) for what in (*_INVERTERS, *others)}
         inverters = {
             kind: inverter_of(manifest, found, failures, again[kind], kind, parameters, form)
@@ -366,7 +374,9 @@ def _load(folder: Path, sha256: str | None) -> Library:
         streams = streams_of(manifest, found, failures, again["streams"], parameters)
         samplers = samplers_of(manifest, found, failures, again["samplers"], parameters)
         poses = inverse_kinematics_of(manifest, found, failures, again["inverse_kinematics"])
-        return Library(folder, manifest, functions, parameters, inverters, streams, samplers, poses)
+        made = Library(folder, manifest, functions, parameters, inverters, streams, samplers, poses)
+        made._growth = growth_of(manifest, found, failures, again["growth"], parameters)
+        return made
     except BuildError as error:
         raise error if str(folder) in str(error) else BuildError(f"{folder}: {error}") from error
     except OSError as error:

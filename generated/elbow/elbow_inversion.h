@@ -226,6 +226,32 @@ elbow_status elbow_invert(const elbow_samples *samples, const elbow_real q_start
     int64_t work_size);
 
 /*
+ * Length of the workspace of growth, in reals.
+ */
+ELBOW_API
+int64_t elbow_growth_work(void);
+
+/*
+ * Largest growth of a perturbation from the start of a motion to an instant of it, under motor torques alone.
+ *
+ * Errors of the model and of the start grow by this factor: where it is above about 1000 only feedback keeps the robot
+ * on its path. It is the largest singular value of the transition matrix of the positions, of motors on the arm side,
+ * with the linearization every 10 ms (at most 1000 times); at most 1e300 (single precision: 1e37). The members q_a,
+ * v_a, q_m, v_m and tau_m of the motion are read, such as invert has written them; with a hold the factor is
+ * approximate. Stack: at most 11264 bytes.
+ *
+ *   motion                  N = n samples
+ *   n                   [1] number of samples, at least 2
+ *   period              [s] time between two samples
+ *   growth    1         [1] result, at least 1
+ *   work      work_size     workspace
+ *   work_size           [1] its length, at least growth_work
+ */
+ELBOW_API
+elbow_status elbow_growth(const elbow_motion *motion, int n, elbow_real period, elbow_real *growth,
+    elbow_real *work, int64_t work_size);
+
+/*
  * Length of the memory of a stream, in reals; -1 where an option is out of range.
  *
  *   options   see elbow_stream_options

@@ -55,7 +55,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "f7cd6b03f9d5692f64c26f231389b224e7602091c0d5f460211f90115d058f30";
+    return "3692f3c3cb361b0faa7d180dba01a3e08144325030a5fd5288301d2ec3d54bfa";
 }
 
 elbow_inversion_options elbow_inversion_defaults(void)

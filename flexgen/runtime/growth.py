@@ -1,0 +1,99 @@
+"""Growth of perturbations along a motion by the C of a loaded library: `Growth`, the type of `Library.growth`."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from threading import Event
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.runtime.path_inversion import Inversion, array_of, parameters_of, pointer, pointers
+from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of, struct_of
+
+_WIDTHS = {"q_a": "n_a", "v_a": "n_a", "q_m": "n_m", "v_m": "n_m", "tau_m": "n_m"}
+
+
+@dataclass(frozen=True, repr=False)
+class Growth:
+    """``library.growth(motion)``: largest growth of a perturbation under the motor torques of a motion alone.
+
+    ``closed``: set when the library is closed.
+    """
+
+    name: str
+    sizes: Mapping[str, int]
+    motion: type[ctypes.Structure]
+    entry: Callable[..., int]
+    work: int
+    model_parameters: np.ndarray
+    failures: Failures
+    again: tuple[Callable[..., Any], tuple[Any, ...]]
+    closed: Event = field(default_factory=Event)
+
+    def __repr__(self) -> str:
+        return "growth(motion" + ", *, parameters=None" * bool(self.model_parameters.size) + ")"
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        self._refuse_closed()
+        return self.again
+
+    def _refuse_closed(self) -> None:
+        if self.closed.is_set():
+            raise closed_error(self.name)
+
+    def __call__(self, motion: Inversion, *, parameters: Any = None) -> float:
+        """The largest growth from the start of a motion to an instant of it.
+
+        Parameters
+        ----------
+        motion : Inversion
+            What `Library.invert` returned.
+        parameters : array (n_p,), optional
+            Run-time parameters, where the library has any; default: those of the model file.
+
+        Returns
+        -------
+        float
+            At least 1; where it is above about 1000, only feedback keeps the robot on its path.
+        """
+        self._refuse_closed()
+        if not isinstance(motion, Inversion):
+            raise ArgumentError(f"growth, motion: given {type(motion).__name__}, expected what invert returned")
+        n, real = len(motion.q_a), self.model_parameters.dtype
+        shapes = {key: (n, self.sizes[width]) for key, width in _WIDTHS.items()}
+        arrays = {key: array_of("growth", key, getattr(motion, key), shape, real) for key, shape in shapes.items()}
+        values, found = parameters_of("growth", parameters, self.model_parameters), np.empty(1, real)
+        work = np.empty(self.work, real)
+        status = self.entry(
+            ctypes.byref(struct_of(self.motion, **arrays)),
+            ctypes.c_int(n),
+            (ctypes.c_double if real == np.float64 else ctypes.c_float)(motion.period),
+            *pointers(values),
+            pointer(found),
+            pointer(work),
+            ctypes.c_int64(work.size),
+        )
+        if status < 0:
+            exception, text = failure_of(self.failures, status)
+            raise exception(f"growth: {text}")
+        return float(found[0])
+
+
+def growth_of(
+    manifest: Mapping[str, Any],
+    found: Callable[[str], Any],
+    failures: Failures,
+    again: tuple[Callable[..., Any], tuple[Any, ...]],
+    parameters: np.ndarray,
+) -> Growth | None:
+    """The `Growth` of a library; None where the manifest lists none."""
+    name = manifest["name"]
+    if not {"growth", "growth_work"} <= {row["name"] for row in manifest.get("c_functions", ())}:
+        return None
+    work, motion = found(f"{name}_growth_work"), interface_of(manifest).structs["motion"]
+    work.restype = ctypes.c_int64
+    return Growth(name, manifest["sizes"], motion, found(f"{name}_growth"), int(work()), parameters, failures, again)
