@@ -410,5 +410,5 @@ def test_an_inertia_that_no_body_can_have_is_refused():
 def test_the_inertia_across_rotors_is_that_of_the_element_that_carries_them():
     motor = SimpleNamespace(carrier="arm1", axis=(0.0, 0.0, 1.0), inertia=4.0)
     writer = SimpleNamespace(drives=[SimpleNamespace(turning=None, motor=motor)])
-    assert np.array_equal(_Writer._carried(writer, "arm1"), np.diag([2.0, 2.0, 0.0]))
-    assert not _Writer._carried(writer, "arm2").any()
+    assert np.array_equal(_Writer._carried_inertia(writer, "arm1"), np.diag([2.0, 2.0, 0.0]))
+    assert not _Writer._carried_inertia(writer, "arm2").any()

@@ -166,7 +166,7 @@ def test_a_refused_controller_has_no_score():
             'where = "m7"\nsize = 4.0',
             'where: given "m7", expected one of m1',
         ),
-        ("length_s = 0.02", "length_s = 90.0", "start_s: given .* expected one within 36 s"),
+        ("length_s = 0.02", "length_s = 90.0", "start_s: given .* expected one that ends within 36 s"),
         ("start_s = 9.0", "start_s = 5.01", "expected one that does not overlap motor pulse on m1"),
         ("window_s = [34.0, 36.0]", "window_s = [34.0, 37.0]", "two increasing times within 36 s"),
         ("weights = { peak = 1.0", "weights = { peek = 1.0", "given an unknown key, expected peak"),
