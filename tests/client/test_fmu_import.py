@@ -49,6 +49,7 @@ def same_folder() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("case", BLOCKS)
+@pytest.mark.slow
 def test_fmpy_finds_no_problem(case):
     written = fmus.exported(*case)
     assert validate_fmu(str(written.path)) == []
@@ -58,6 +59,7 @@ def test_fmpy_finds_no_problem(case):
         assert v.unit or v.type in ("Integer", "Int32")
 
 
+@pytest.mark.slow
 def test_fmpy_finds_a_planted_problem(tmp_path):
     """A derivative without its state."""
     written = fmus.exported("four_mass", "2.0")

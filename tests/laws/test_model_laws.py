@@ -122,6 +122,7 @@ def test_the_error_of_the_nominal_arm_vanishes_with_the_sample_time():
     assert predicted[1] < 0.07 * predicted[0] and predicted[1] < 1e-6
 
 
+@pytest.mark.slow
 def test_prediction_removes_the_effect_of_the_delay():
     model = arm(damped=False)
     late, none = (run(case_of(model, H, d), FL(16.0, predict=True)).tool_error_max_m for d in (1.3e-3, 0.0))

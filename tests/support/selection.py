@@ -62,7 +62,7 @@ SLOW_CASES = {
         "docs/planning.md",
     },
     "client/test_instruction_sets.py": {"beam_arm", "elbow", "planar5_nmp", "v2", "v3", "v4"},
-    "client/test_inverse_kinematics.py": {"v3", "v4"},
+    "client/test_inverse_kinematics.py": {"v2", "v3", "v4"},
     "client/test_invert_limited.py": {"elbow"},
     "client/test_notebooks.py": {"first_robot"},
     "client/test_product.py": {"planar5_nmp-gcc--O0", "planar5_nmp-gcc--O2", "elbow-gcc--O2"},

@@ -54,6 +54,7 @@ def test_a_spring_is_found_and_written(folder, capsys, tmp_path):
     assert (report / "residuals.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_text_names_units_and_accuracy(folder, capsys):
     status, printed = run(capsys, "identify", "planar5_nmp", folder / "frf.npz", "--starts", "2", "-q")
     assert status == 0 and "reached by 2 of 2 starts" in printed.out

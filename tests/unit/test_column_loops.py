@@ -98,7 +98,8 @@ def test_every_step_is_that_of_numpy(n, flags, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("n", [8, pytest.param(19, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", [8, 19])
+@pytest.mark.slow
 def test_vectors_of_every_width_give_the_same_bits(n, tmp_path):
     program, inputs, outputs = made(n)
     rng = np.random.default_rng(7)
@@ -134,6 +135,7 @@ def test_single_precision(flags, tmp_path):
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_a_singular_matrix_of_a_factor_has_an_error_status(tmp_path):
     """Without what the rotors add, the matrix has rank three."""
     program, inputs, outputs = made(9)

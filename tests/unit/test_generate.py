@@ -200,6 +200,7 @@ def test_the_chosen_compiler_is_used(monkeypatch, tmp_path):
             generate("elbow", tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_options_of_the_build_are_kept_apart(tmp_path):
     """Each has its flags in the manifest and is compiled anew; the sources of another precision are others."""
     seen = set()

@@ -65,6 +65,7 @@ def test_run_time_values_are_as_good_as_baked_ones(name, names, overrides, chang
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_run_time_values_of_some_functions_are_as_good_as_baked_ones(tmp_path):
     check_run_time_values(*CASES[0], tmp_path, functions=["gravity", "forward_dynamics", "mass_matrix"])
 

@@ -46,6 +46,7 @@ def test_each_status_has_its_words(solution, status, words):
     assert words in in_words(dataclasses.replace(solution, status=status))
 
 
+@pytest.mark.slow
 def test_the_page_begins_with_the_sentence(solution, tmp_path):
     page = solution.report(tmp_path / "r").read_text(encoding="utf-8")
     assert page.index("These motor torques move the tool") < page.index("<h2>Summary</h2>")
