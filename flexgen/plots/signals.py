@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.model.output_columns import output_labels, output_units
 from flexgen.paths.path import Path
 from flexgen.performance.minimum_time import FastestMove
 from flexgen.plots import canvas as cv
@@ -37,11 +38,18 @@ def plot_fastest(fastest: FastestMove) -> Figure:
 
 
 def plot_path(path: Path) -> Figure:
-    """The output along a path and its first two derivatives; of a pose, its positions."""
+    """The output y along a path and its first two derivatives dy, ddy in time; of a pose, its position."""
     t = np.linspace(0.0, path.duration, INSTANTS)
-    y = path.sample(t).y
-    rows = [(name, y[:, :, k], ()) for k, name in enumerate(("output", "first derivative", "second derivative"))]
-    return _stacked(f"{path.equations.model.title}, move {path.move.name}", "time, s", t, rows)
+    y, model = path.sample(t).y, path.equations.model
+    units, labels = output_units(model), output_labels(model)["y_ref"]
+    if len(set(units)) == 1:
+        unit = f", {units[0]}"
+    else:
+        unit, labels = "", tuple(f"{label}, {unit}" for label, unit in zip(labels, units, strict=True))
+    per = ("/s", "/s^2") if unit else ("", "")
+    names = (f"y{unit}", f"dy{unit}{per[0]}", f"ddy{unit}{per[1]}")
+    rows = [(name, y[:, :, k], labels) for k, name in enumerate(names)]
+    return _stacked(f"{model.title}, move {path.move.name}", "time, s", t, rows)
 
 
 def plot_arrays(result: Any) -> Figure:
