@@ -89,12 +89,12 @@ static real growth_norm(const real *p)
     int at = 0;
     real most = -1.0;
     for (int i = 0; i < DOF; ++i) {
-        real square = 0.0;
+        real sum = 0.0;
         for (int j = 0; j < DOF; ++j) {
-            square += p[i * DOF + j] * p[i * DOF + j];
+            sum += p[i * DOF + j] * p[i * DOF + j];
         }
-        at = square > most ? i : at;
-        most = fmax_1(most, square);
+        at = sum > most ? i : at;
+        most = fmax_1(most, sum);
     }
     copy(p + at * DOF, DOF, x);
     for (int step = 0; step < POWER_STEPS; ++step) {

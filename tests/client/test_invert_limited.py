@@ -238,7 +238,7 @@ def test_sanitizers_find_nothing(tmp_path) -> None:
     (tmp_path / "line.h").write_text(header, encoding="ascii")
     (tmp_path / "client.c").write_text((SUPPORT / "programs" / "limited_path.c").read_text(encoding="ascii"))
     include = [f"-I{folder}", f"-I{folder / 'src'}"]
-    used = ("inversion", "invert_limited", "path_sampler", *INVERSION)
+    used = ("inversion", "linearize", "invert_limited", "path_sampler", *INVERSION)
     files = [path for path in sources(folder) if path.stem.removeprefix("planar5_nmp_") in used]
     general = folder / "src" / "planar5_nmp.c"
     run(CC, "-std=c99", *SANITIZE, "client.c", *files, general, *include, "-lm", "-o", "client", folder=tmp_path)

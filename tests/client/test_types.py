@@ -103,6 +103,7 @@ def test_every_class_that_a_public_function_returns_is_public() -> None:
         "ImplicitDae",
         "Table",
         "LoopResponse",
+        "Growth",
         "Interval",
         "Lagrangian",
         "Coordinate",

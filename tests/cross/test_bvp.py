@@ -228,7 +228,7 @@ PLANTED = {
 
 def call(folder: FilePath) -> tuple[int, np.ndarray]:
     """Status and motor torques of ``planar5_nmp_bvp`` in a folder's sources."""
-    files = [f"src/planar5_nmp_{name}.c" for name in (*INVERSION, "inversion")]
+    files = [f"src/planar5_nmp_{name}.c" for name in (*INVERSION, "inversion", "linearize")]
     run(CC, "-std=c99", "-O1", "-fPIC", "-shared", *files, "-lm", "-o", "planted.so", folder=folder)
     library = ctypes.CDLL(str(folder / "planted.so"))
     structs = structs_of(json.loads((folder / "manifest.json").read_text()))

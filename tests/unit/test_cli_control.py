@@ -83,7 +83,7 @@ def test_tune_writes_a_controller(tmp_path, capsys):
     out = tmp_path / "mine.toml"
     assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(out)]) == 0
     assert "evaluations" in capsys.readouterr().out and 'type = "cascade"' in out.read_text()
-    assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(tmp_path / "mine.json")]) == 1
+    assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(tmp_path / "mine.json")]) == 2
 
 
 @pytest.mark.parametrize(("report", "pages"), [(None, 0), ("page", 1)])
