@@ -148,8 +148,10 @@ def test_the_limit_of_evaluations_is_that_of_the_explicit_method(monkeypatch: py
         in_c(rate, PPoly(np.ones((1, 1, 1)), [0.0, 2.0]), t, np.ones(2))
 
 
-@pytest.mark.parametrize(("message", "y", "failure"), [("too small a step", 0.0, "too small a step"),
-                                                       (None, np.nan, "not finite"), (None, 0.0, "")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("message", "y", "failure"),
+    [("too small a step", 0.0, "too small a step"), (None, np.nan, "not finite"), (None, 0.0, "")],
+)
 def test_a_failed_step_of_scipy_has_a_reason(message, y, failure):
     solver = SimpleNamespace(t=0.0, y=np.array([y]), nfev=0, status="failed" if message else "running")
     solver.step = lambda: setattr(solver, "nfev", solver.nfev + 1) or message

@@ -148,8 +148,10 @@ def test_data_of_another_robot_are_refused(folder, capsys):
 
 def test_drives_have_no_noise_delay_or_resolution_where_none_is_given(capsys, monkeypatch, tmp_path):
     def plan(model, hardware, **_):
-        raise ArgumentError(f"{hardware.delay_s} {hardware.encoder_noise_rad} {hardware.encoder_resolution_rad} "
-                            f"{hardware.torque_noise_Nm} {hardware.sample_s}")  # fmt: skip
+        raise ArgumentError(
+            f"{hardware.delay_s} {hardware.encoder_noise_rad} {hardware.encoder_resolution_rad} "
+            f"{hardware.torque_noise_Nm} {hardware.sample_s}"
+        )
 
     monkeypatch.setattr("flexgen.identification.experiments.plan.excite", plan)
     words = ["excite", "planar5_nmp", "-q", "--out", tmp_path / "plan.npz"]

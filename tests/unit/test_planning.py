@@ -295,9 +295,13 @@ def test_an_unknown_number_is_found(tmp_path):
     problem = flexgen.plan_problem(flexgen.read(str(double_integrator(tmp_path))), mesh=20)
     problem.parameter("unused")
     assert vars(problem.parameters[0]) | {"symbol": None} == {
-        "symbol": None, "lower": -np.inf, "upper": np.inf, "guess": 0.0,
-    }  # fmt: skip
-    problem.parameters.clear(), problem.unknowns.pop()
+        "symbol": None,
+        "lower": -np.inf,
+        "upper": np.inf,
+        "guess": 0.0,
+    }
+    problem.parameters.clear()
+    problem.unknowns.pop()
     largest = problem.parameter("largest", 0.0, 100.0, guess=10.0)
     problem.add_cost(largest, at="end")
     problem.subject_to(problem["tau_m"] <= largest)

@@ -392,8 +392,17 @@ def test_every_key_of_a_shipped_file_is_located():
 def test_tables_and_keys_have_the_line_where_they_are_first_named():
     text = "first = 1\n\n[a.b]\nc = 2\n[a]\nd = {\n}\n[[many]]\n[[many]]\ne = [\n1]\n".replace("{\n}", "{ x = 1 }")
     lines = Scanner(text).lines
-    expected = {("first",): 1, ("a",): 3, ("a", "b"): 3, ("a", "b", "c"): 4, ("a", "d"): 6, ("many",): 7,
-                ("many", 0): 7, ("many", 1): 8, ("many", 1, "e"): 9}  # fmt: skip
+    expected = {
+        ("first",): 1,
+        ("a",): 3,
+        ("a", "b"): 3,
+        ("a", "b", "c"): 4,
+        ("a", "d"): 6,
+        ("many",): 7,
+        ("many", 0): 7,
+        ("many", 1): 8,
+        ("many", 1, "e"): 9,
+    }
     assert {path: lines[path] for path in expected} == expected
 
 
