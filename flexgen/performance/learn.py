@@ -228,7 +228,7 @@ def learn(
     ArgumentError
         An argument is out of range, or the model has no inversion in C.
     SolverError
-        The move has no solution. A robot that fails is no error: see ``stopped``.
+        The move has no solution. If the robot fails, ``stopped`` states it instead.
     """
     tell = progress if callable(progress) else (lambda line: None)
     seed = seed_of(seed)
