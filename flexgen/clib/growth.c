@@ -135,8 +135,7 @@ model_status model_growth(
     real *space, size = 1.0, found = 1.0;
     ptrdiff_t at = 0;
     int count, status;
-    if (motion == NULL || growth == NULL || work == NULL || values == NULL || motion->q_a == NULL ||
-        motion->v_a == NULL || motion->q_m == NULL || motion->v_m == NULL || motion->tau_m == NULL) {
+    if (growth == NULL || work == NULL || values == NULL || !has_state_and_torques(motion)) {
         return MODEL_NULL_ARGUMENT;
     }
     growth[0] = (real)NAN;

@@ -276,6 +276,9 @@ int64_t model_invert_work(int n, const model_inversion_options *options)
     l = lay_out(n, options, 0, 0);
     end = l.end + padded((int64_t)(sizeof(problem_points) / sizeof(real)));
 #endif
+#if MODEL_GROWS
+    end = options->growth && end < model_growth_work() ? model_growth_work() : end;
+#endif
     return is_addressable(end) ? end : -1;
 }
 
@@ -431,7 +434,8 @@ model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT cons
 {
     whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
     model_status status = MODEL_NULL_ARGUMENT;
-    if (info != NULL) {
+    const int grows = options != NULL && options->growth;
+    if (info != NULL && (!grows || has_state_and_torques(motion))) {
         status = invert_path(samples, PASSED_PARAMETERS q_start, options, motion, &report, work, work_size);
     }
     if (report.is_set) {
@@ -441,6 +445,14 @@ model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT cons
         info->iterations = report.iterations;
         info->intervals = report.intervals;
         info->n_post = report.n_post;
+        info->growth = (real)NAN;
     }
+#if MODEL_GROWS
+    if (grows && status >= 0) { /* the workspace is free again; where it fails, the torques are right all the same */
+        real *growth = &info->growth;
+        const int n = options->n_pre + samples->n + report.n_post;
+        (void)model_growth(motion, n, samples->period, PASSED_PARAMETERS growth, work, work_size);
+    }
+#endif
     return status;
 }

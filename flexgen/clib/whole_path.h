@@ -266,7 +266,8 @@ enum { MAX_SAMPLES = 1000000 };
 static inline int path_sizes_fit(int n, const model_inversion_options *o)
 {
     return n >= 2 && o->n_pre >= 0 && o->n_post >= 0 && o->samples_per_interval >= 1 && n <= MAX_SAMPLES &&
-           o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES && o->samples_per_interval <= MAX_SAMPLES;
+           o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES && o->samples_per_interval <= MAX_SAMPLES &&
+           o->growth >= 0 && o->growth <= MODEL_GROWS;
 }
 
 /* Whether an array of so many numbers can be addressed; on small processors not all sizes can. */

@@ -362,15 +362,17 @@ def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
 
 def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
     """What the function growth needs: scales of positions, and the linearization with a workspace of its own."""
-    if not any(f.file == "growth.c" for f in spec.c_functions):
-        return ""
+    prefix = spec.name.upper()
+    grows = any(f.file == "growth.c" for f in spec.c_functions)
+    flag = f"#define {prefix}_GROWS {int(grows)} /* the library has the function growth */\n"
+    if not grows:
+        return flag
     (f,) = (f for f in spec.functions if f.name == "linearize")
     ports, text = [p.name for p in (*f.inputs, *f.outputs)], written[f.name]
     macros = ", ".join([*(name for name in ports if name != "parameters"), "parameters", "work"])
     given = ", ".join([*ports, *["work"] * (text.work > 0)])
-    prefix = spec.name.upper()
     return (
-        f"static const real arm_side[{prefix}_NX / 2] = {arm_side}; /* factors of the positions in a state */\n"
+        f"{flag}static const real arm_side[{prefix}_NX / 2] = {arm_side}; /* factors of the positions in a state */\n"
         f"#define {prefix}_LINEARIZE_SPACE {space_of(spec, written, (f.name,))}\n"
         f"#define evaluate_linearize({macros}) ((void)(parameters), (void)(work), {spec.name}_linearize({given}))\n"
     )

@@ -150,6 +150,14 @@ _SETTLED = Field(
     "samples after the path until the motion has settled; all after it are the equilibrium. Without the option "
     "settled, or where the motion has not settled: n_post of the options",
 )
+_GROWTH = Field(
+    "growth",
+    "real",
+    (),
+    "1",
+    "largest growth of a perturbation along the motion, see the function growth: above about 1000 the torques need "
+    "feedback; NaN where the option growth is 0, or the motion grows beyond all numbers",
+)
 STRUCTS: tuple[Struct, ...] = (
     Struct(
         "samples",
@@ -188,6 +196,15 @@ STRUCTS: tuple[Struct, ...] = (
                 "computed, as bvp does",
                 "0.0",
             ),
+            Field(
+                "growth",
+                "int",
+                (),
+                "1",
+                "1: the info of invert and invert_limited has the growth too, for a library with linearize; the motion "
+                "needs q_a, v_a, q_m, v_m and tau_m. 0: NaN",
+                "0",
+            ),
         ),
     ),
     Struct(
@@ -203,7 +220,7 @@ STRUCTS: tuple[Struct, ...] = (
             Field("tau_m", "real *", ("N", "n_m"), "N m", "motor torques"),
         ),
     ),
-    Struct("invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED)),
+    Struct("invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED, _GROWTH)),
     Struct(
         "bvp_info",
         "What bvp reports.",
@@ -240,6 +257,7 @@ STRUCTS: tuple[Struct, ...] = (
             Field("programs", "int", (), "1", "quadratic programs"),
             *_COUNTS,
             _SETTLED,
+            _GROWTH,
         ),
     ),
     Struct(

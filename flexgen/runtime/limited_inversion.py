@@ -54,15 +54,16 @@ class LimitedInverter(Inverter):
         hold: str = "spline",
         delay: float = 0.0,
         settled: float = 0.0,
+        growth: bool = False,
         parameters: Any = None,
     ) -> Inversion:
         """Motion and torques within limits, for the path itself or the smallest deviation from it.
 
         Parameters
         ----------
-        y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, parameters
-            As of `Library.invert`. The deviation is zero at the first and the last sample: repeat these at rest where
-            the motion may take longer than the path.
+        y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
+            As of `Library.invert`, like ``parameters``. The deviation is zero at the first and the last sample: repeat
+            these at rest where the motion may take longer than the path.
         torque_max : array (n_m,), optional
             Largest motor torques [N m].
         speed_max : array (n_m,), optional
@@ -98,7 +99,7 @@ class LimitedInverter(Inverter):
                 limits[name] = array_of(function, name, x, (size,), self._real)
                 if not (limits[name] > 0).all():
                     raise ArgumentError(f"{function}, {name}: given {limits[name]}, expected positive numbers")
-        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled)
+        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
         deviation = np.zeros_like(given["dy"])
         knot_samples = whole_of(function, "knot_samples", knot_samples)
         bounds = struct_of(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)

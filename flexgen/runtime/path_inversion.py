@@ -7,6 +7,7 @@ the path and after it, because unactuated coordinates move there too.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -62,6 +63,9 @@ class Inversion:
         Of `Library.invert_limited`: quadratic programs; else 0.
     limits_active : bool
         Of `Library.invert_limited`: whether the path was modified.
+    growth : float
+        With ``growth=True``: largest growth of a perturbation along the motion, see `Library.growth`; where it is above
+        about 1000, only feedback keeps the robot on its path. Else NaN.
     deviation : ndarray (n, n_y) or None
         Of `Library.invert_limited`: deviation from the path at its samples [m, rad].
     """
@@ -89,6 +93,7 @@ class Inversion:
     limit_excess: float = 0.0
     programs: int = 0
     limits_active: bool = False
+    growth: float = math.nan
     deviation: np.ndarray | None = None
 
     @property
@@ -121,6 +126,7 @@ class Inverter:
         self._parameters, self._real = parameters, parameters.dtype
         self._entry, self._work, self._failures = entry, work, failures
         self._function, self._can_settle = function, function != "bvp"
+        self._grows = False  # with the function growth in the library
         self._pool: list[np.ndarray] = []
         self._again, self._closed = again, False
 
@@ -136,7 +142,7 @@ class Inverter:
 
     def __repr__(self) -> str:
         defaults = (type(self).__call__.__kwdefaults__ or {}) | {"tolerance": tolerance_of(self._real)}
-        shown = {name: f"{x:g}" if isinstance(x, int | float) else repr(x) for name, x in defaults.items()}
+        shown = {name: repr(x) if isinstance(x, bool | str | None) else f"{x:g}" for name, x in defaults.items()}
         options = [f"{name}={x}" for name, x in shown.items() if name != "parameters" or self._parameters.size]
         return f"{self._function}(y, dy, ddy, *, period, q_start, {', '.join(options)})"
 
@@ -163,6 +169,7 @@ class Inverter:
         hold: str = "spline",
         delay: float = 0.0,
         settled: float = 0.0,
+        growth: bool = False,
         parameters: Any = None,
     ) -> Inversion:
         """Motion and torques for exact tracking of a path.
@@ -194,6 +201,8 @@ class Inverter:
         settled : float
             Once the residual motion after the path changes the output by less than this [m or rad], the results
             end, with the equilibrium; 0: they have all ``n_post`` samples. Not of ``bvp``.
+        growth : bool
+            Whether to compute ``growth`` too, which takes 0.3 to 2 times as long as the rest. Not of ``bvp``.
         parameters : array (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file.
 
@@ -213,11 +222,19 @@ class Inverter:
         given = self._samples(y, dy, ddy)
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         period = number_of(function, "period", period)
-        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled)
+        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
         return self._invert(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
     def _options(
-        self, n_pre: Any, n_post: Any, samples_per_interval: Any, tolerance: Any, hold: Any, delay: Any, settled: Any
+        self,
+        n_pre: Any,
+        n_post: Any,
+        samples_per_interval: Any,
+        tolerance: Any,
+        hold: Any,
+        delay: Any,
+        settled: Any,
+        growth: Any,
     ) -> dict[str, Any]:
         """The options of a call, checked."""
         counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
@@ -228,11 +245,15 @@ class Inverter:
         if not (0.0 <= settled < 1.0 if self._can_settle else settled == 0.0):
             wanted = "a number from 0 to 1 [m or rad]" if self._can_settle else "0: all samples are computed"
             raise ArgumentError(f"{self._function}, settled: given {settled:g}, expected {wanted}")
+        if not isinstance(growth, bool) or (growth and not self._grows):
+            wanted = "True or False" if self._grows else "False: this function, or the library, computes no growth"
+            raise ArgumentError(f"{self._function}, growth: given {growth!r}, expected {wanted}")
         return {
             **counts,
             **hold_of(self._interface, self._function, hold, delay),
             "tolerance": tolerance,
             "settled": settled,
+            "growth": int(growth),
         }
 
     def _invert(
@@ -335,13 +356,15 @@ def inverter_of(
     form: type[Inverter],
 ) -> Inverter | None:
     """The `Inverter` of a library whose entry points are found by name; None where the manifest lists none."""
-    name = manifest["name"]
-    if not {function, f"{function}_work"} <= {row["name"] for row in manifest.get("c_functions", ())}:
+    name, offered = manifest["name"], {row["name"] for row in manifest.get("c_functions", ())}
+    if not {function, f"{function}_work"} <= offered:
         return None
     work = found(f"{name}_{function}_work")
     work.restype = ctypes.c_int64
     entry = found(f"{name}_{function}")
-    return form(name, manifest["sizes"], interface_of(manifest), entry, work, failures, again, function, parameters)
+    made = form(name, manifest["sizes"], interface_of(manifest), entry, work, failures, again, function, parameters)
+    made._grows = "growth" in offered and made._can_settle
+    return made
 
 
 def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray:

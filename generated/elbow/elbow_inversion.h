@@ -88,6 +88,9 @@ typedef struct {
     /* above 0: the samples after the path end once the residual motion changes the output by less than this [m or
      * rad], but not before 0.05 s and 20 D / K of the slowest gear; 0: all n_post samples are computed, as bvp does */
     elbow_real settled;
+    /* 1: the info of invert and invert_limited has the growth too, for a library with linearize; the motion needs q_a,
+     * v_a, q_m, v_m and tau_m. 0: NaN */
+    int growth;
 } elbow_inversion_options;
 
 /* Arrays of the caller for the results, N samples each. A null member is not written. */
@@ -113,6 +116,9 @@ typedef struct {
     /* samples after the path until the motion has settled; all after it are the equilibrium. Without the option
      * settled, or where the motion has not settled: n_post of the options */
     int n_post;
+    /* largest growth of a perturbation along the motion, see the function growth: above about 1000 the torques need
+     * feedback; NaN where the option growth is 0, or the motion grows beyond all numbers */
+    elbow_real growth;
 } elbow_invert_info;
 
 /* Limits of invert_limited. A null member or an infinite entry means no limit. */
@@ -140,6 +146,9 @@ typedef struct {
     /* samples after the path until the motion has settled; all after it are the equilibrium. Without the option
      * settled, or where the motion has not settled: n_post of the options */
     int n_post;
+    /* largest growth of a perturbation along the motion, see the function growth: above about 1000 the torques need
+     * feedback; NaN where the option growth is 0, or the motion grows beyond all numbers */
+    elbow_real growth;
 } elbow_invert_limited_info;
 
 /* A stream: memory of the caller that holds its whole state. Copy the memory to copy the stream. */

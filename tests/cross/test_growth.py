@@ -90,9 +90,42 @@ def test_growth_at_a_constant_state_is_that_of_the_matrix_exponential() -> None:
             library.growth(changed)
     with pytest.raises(ArgumentError, match="not finite"):
         library.growth(replace(motion, q_a=np.nan * q))
+    assert library.growth(replace(motion, a_a=zero[:0])) == library.growth(motion)
     library.close()
     with pytest.raises(ArgumentError, match="closed"):
         library.growth(motion)
+
+
+def at_rest(library: Library) -> dict[str, Any]:
+    """Arguments of `invert` for an elbow that stays where it is."""
+    y = np.tile(library.forward_kinematics(np.array([0.4, 0.2]))[0][::2], (21, 1))
+    zero = np.zeros((21, library.sizes["n_y"]))
+    return {"y": y, "dy": zero, "ddy": zero, "period": 1e-3, "q_start": np.array([0.4, 0.2]), "n_post": 100}
+
+
+def test_invert_reports_the_growth_where_it_is_asked_for() -> None:
+    library = loaded("elbow")
+    given = at_rest(library)
+    motion = library.invert(**given, growth=True)
+    assert motion.growth == library.growth(motion) > 1.01
+    limited = library.invert_limited(**given, growth=True, torque_max=np.full(2, 1e4))
+    assert limited.growth == pytest.approx(motion.growth, rel=1e-9) and not limited.limits_active
+    assert np.isnan(library.invert(**given).growth) and np.isnan(library.invert_limited(**given).growth)
+    ended = library.invert(**given, growth=True, settled=0.5)
+    assert len(ended.q_a) < len(motion.q_a) and ended.growth == library.growth(ended)
+    with pytest.raises(ArgumentError, match="growth: given 1, expected True or False"):
+        library.invert(**given, growth=1)
+
+
+def test_growth_without_arrays_for_the_motion_is_refused_before_anything_is_solved(monkeypatch: Any) -> None:
+    library = loaded("elbow")
+    inverter, given = library.invert, at_rest(library)
+    whole = inverter._results
+    for missing in ("q_a", "v_a", "q_m", "v_m", "tau_m"):
+        fewer = {missing: None}
+        monkeypatch.setattr(inverter, "_results", lambda total, fewer=fewer: whole(total) | fewer)
+        with pytest.raises(ArgumentError, match="null pointer"):
+            inverter(**given, growth=True)
 
 
 @pytest.mark.slow

@@ -133,8 +133,8 @@ PARAMETERS = {
     "planning/result.py make_solution": 9,
     "runtime/calls.py __init__": 11,
     "runtime/library.py stream": 11,
-    "runtime/limited_inversion.py __call__": 17,
-    "runtime/path_inversion.py __call__": 13,
+    "runtime/limited_inversion.py __call__": 18,  # the members of the options in C
+    "runtime/path_inversion.py __call__": 14,  # the members of the options in C
     "runtime/path_inversion.py __init__": 9,
     "runtime/stream.py __init__": 13,
     "simulation/run.py run": 9,

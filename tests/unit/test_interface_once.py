@@ -123,6 +123,7 @@ def different_options(struct: str, parameters: Mapping[str, inspect.Parameter]) 
     for name, field in FIELDS[struct].items():
         parameter = parameters.get(name)
         expected = {"HOLD_SPLINE": "spline", "tolerance": "None"}.get(field.default, field.default)
+        expected = "False" if parameter is not None and parameter.default is False and expected == "0" else expected
         if parameter is None:
             found += [name] if name not in OWN else []
         elif expected and not expected.startswith("STREAM_") and str(parameter.default) != expected:

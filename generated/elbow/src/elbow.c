@@ -55,7 +55,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "3692f3c3cb361b0faa7d180dba01a3e08144325030a5fd5288301d2ec3d54bfa";
+    return "69964f8acef54e453d27f7249b03a7e07272081b3c94fa43364d1c4954997d41";
 }
 
 elbow_inversion_options elbow_inversion_defaults(void)
@@ -68,6 +68,7 @@ elbow_inversion_options elbow_inversion_defaults(void)
     options.hold = ELBOW_HOLD_SPLINE;
     options.delay = 0.0;
     options.settled = 0.0;
+    options.growth = 0;
     return options;
 }
 

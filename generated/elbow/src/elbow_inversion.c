@@ -142,8 +142,7 @@ elbow_status elbow_growth(
     real *space, size = 1.0, found = 1.0;
     ptrdiff_t at = 0;
     int count, status;
-    if (motion == NULL || growth == NULL || work == NULL || values == NULL || motion->q_a == NULL ||
-        motion->v_a == NULL || motion->q_m == NULL || motion->v_m == NULL || motion->tau_m == NULL) {
+    if (growth == NULL || work == NULL || values == NULL || !has_state_and_torques(motion)) {
         return ELBOW_NULL_ARGUMENT;
     }
     growth[0] = (real)NAN;
@@ -477,6 +476,9 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options)
     l = lay_out(n, options, 0, 0);
     end = l.end + padded((int64_t)(sizeof(problem_points) / sizeof(real)));
 #endif
+#if ELBOW_GROWS
+    end = options->growth && end < elbow_growth_work() ? elbow_growth_work() : end;
+#endif
     return is_addressable(end) ? end : -1;
 }
 
@@ -632,7 +634,8 @@ elbow_status elbow_invert(const elbow_samples *samples, PARAMETERS_ARGUMENT cons
 {
     whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
     elbow_status status = ELBOW_NULL_ARGUMENT;
-    if (info != NULL) {
+    const int grows = options != NULL && options->growth;
+    if (info != NULL && (!grows || has_state_and_torques(motion))) {
         status = invert_path(samples, PASSED_PARAMETERS q_start, options, motion, &report, work, work_size);
     }
     if (report.is_set) {
@@ -642,7 +645,15 @@ elbow_status elbow_invert(const elbow_samples *samples, PARAMETERS_ARGUMENT cons
         info->iterations = report.iterations;
         info->intervals = report.intervals;
         info->n_post = report.n_post;
+        info->growth = (real)NAN;
     }
+#if ELBOW_GROWS
+    if (grows && status >= 0) { /* the workspace is free again; where it fails, the torques are right all the same */
+        real *growth = &info->growth;
+        const int n = options->n_pre + samples->n + report.n_post;
+        (void)elbow_growth(motion, n, samples->period, PASSED_PARAMETERS growth, work, work_size);
+    }
+#endif
     return status;
 }
 #endif

@@ -246,4 +246,10 @@ static inline lanes second_derivative_v(const real *x, real period)
 #endif
 }
 
+/* Whether a motion has what its growth depends on. */
+static inline int has_state_and_torques(const elbow_motion *m)
+{
+    return m != NULL && m->q_a != NULL && m->v_a != NULL && m->q_m != NULL && m->v_m != NULL && m->tau_m != NULL;
+}
+
 #endif

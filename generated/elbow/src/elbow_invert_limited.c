@@ -948,6 +948,7 @@ static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT
     call.options.hold = ELBOW_HOLD_SPLINE;
     call.options.delay = 0.0;
     call.options.settled = 0.0;
+    call.options.growth = 0;
     call.options.tolerance = fmin_1(rough_tolerance * options->tolerance, PRECISE(1e-3, 1e-2));
     call.info = inner;
     {
@@ -1004,7 +1005,7 @@ elbow_status elbow_invert_limited(const elbow_samples *samples, PARAMETERS_ARGUM
     elbow_invert_limited_info found;
     elbow_invert_info inner;
     elbow_status status = ELBOW_NULL_ARGUMENT;
-    inner.residual = inner.residual_at_samples = inner.kinematic_mismatch = (real)NAN;
+    inner.residual = inner.residual_at_samples = inner.kinematic_mismatch = inner.growth = (real)NAN;
     inner.iterations = inner.intervals = inner.n_post = 0;
     found.deviation_m = found.deviation_rad = found.limit_excess = 0.0;
     found.programs = 0;
@@ -1023,6 +1024,7 @@ elbow_status elbow_invert_limited(const elbow_samples *samples, PARAMETERS_ARGUM
         info->iterations = inner.iterations;
         info->intervals = inner.intervals;
         info->n_post = inner.n_post;
+        info->growth = inner.growth;
     }
     return status;
 }

@@ -26,9 +26,11 @@ int main(void)
     static const int knots[] = {16, 0, 100, 112, 900, -1};
     double *y = block(2 * N), *dy = block(2 * N), *ddy = block(2 * N), *q_start = block(3), *bound = block(2);
     double *tau_m = block(2 * TOTAL), *deviation = block(2 * N), *small = block((size_t)planar5_nmp_path_work());
+    double *q_a = block(PLANAR5_NMP_NA * TOTAL), *v_a = block(PLANAR5_NMP_NA * TOTAL);
+    double *q_m = block(2 * TOTAL), *v_m = block(2 * TOTAL);
     double duration;
     const planar5_nmp_samples path = {N, 1e-3, y, dy, ddy};
-    planar5_nmp_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, tau_m};
+    planar5_nmp_motion motion = {q_a, v_a, NULL, NULL, q_m, v_m, tau_m};
     if (planar5_nmp_path_start(planar5_nmp_path_line, PLANAR5_NMP_PATH_LINE_SIZE, &duration, q_start) != 0) {
         return 9;
     }
@@ -40,19 +42,24 @@ int main(void)
     }
     for (size_t i = 0; i < sizeof torque / sizeof *torque; ++i) {
         for (size_t j = 0; j < sizeof knots / sizeof *knots; ++j) {
-            planar5_nmp_inversion_options options = {PRE, POST, 5, 1e-6, PLANAR5_NMP_HOLD_ZOH, 1.0, 0.0};
+            planar5_nmp_inversion_options options = {PRE, POST, 5, 1e-6, PLANAR5_NMP_HOLD_ZOH, 1.0, 0.0, j == 1};
             const planar5_nmp_inversion_limits limits = {bound, NULL, NULL, knots[j], j % 2 ? deviation : NULL};
             planar5_nmp_invert_limited_info info;
             int64_t size;
             double *work;
+            planar5_nmp_status status;
             memcpy(bound, torque[i], sizeof torque[i]);
             size = planar5_nmp_invert_limited_work(N, &options, &limits);
             work = block(size > 0 ? (size_t)size : 1);
-            printf(
-                "%d\n", (int)planar5_nmp_invert_limited(&path, q_start, &options, &limits, &motion, &info, work, size));
+            status = planar5_nmp_invert_limited(&path, q_start, &options, &limits, &motion, &info, work, size);
+            printf("%d\n", (int)status);
+            if (status >= 0 && (j == 1 ? !(info.growth > 1.0 && info.growth < 10.0) : info.growth == info.growth)) {
+                return 9; /* the growth, where it is asked for */
+            }
             free(work);
         }
     }
     free(y), free(dy), free(ddy), free(q_start), free(bound), free(tau_m), free(deviation), free(small);
+    free(q_a), free(v_a), free(q_m), free(v_m);
     return 0;
 }
