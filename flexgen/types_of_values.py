@@ -126,7 +126,8 @@ def is_text(value: Any) -> bool:
 
 def _literal(parts: tuple[Any, ...]) -> Check:
     def passes(value: Any) -> bool:
-        return (isinstance(value, str) or is_whole(value, -LARGEST, LARGEST)) and value in parts
+        same = any(value is part for part in parts)  # False too
+        return same or ((isinstance(value, str) or is_whole(value, -LARGEST, LARGEST)) and value in parts)
 
     return Check(passes, f"one of {', '.join(map(str, parts))}")
 

@@ -40,6 +40,7 @@ PASSES = {
     "mapping": (Mapping[str, float], [{}, {"a": 1}, MappingProxyType({"a": 1.0})]),
     "function": (Callable[[str], None], [print, len, str]),
     "choice": (Literal["a", 2], ["a", 2, np.int64(2), np.str_("a")]),
+    "choice_or_off": (Literal["a", False], ["a", False]),
 }
 REFUSED = {
     "number": (float, [True, np.True_, "1", None, np.nan, np.inf, 1j, np.ones(1), 10**400, b"1"]),
@@ -55,6 +56,7 @@ REFUSED = {
     "mapping": (Mapping[str, float], [None, [("a", 1)], {1: 1}, {"a": "b"}, {"a": np.nan, "b": "x"}]),
     "function": (Callable[[str], None], [None, "print"]),
     "choice": (Literal["a", 2], ["b", 3, True, None, ["a"], np.array(["a"])]),
+    "choice_or_off": (Literal["a", False], ["b", True, None, ["a"]]),
 }
 
 
