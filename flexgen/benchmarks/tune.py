@@ -114,6 +114,12 @@ def tune(
     ------
     ArgumentError
         The controller is not a cascade, a number is out of range, or the executor has no ``submit``.
+
+    Examples
+    --------
+    >>> tuned = flexgen.tune("four_mass", version=1, evaluations=3)
+    >>> tuned.score.total < tuned.start.total
+    True
     """
     tell = progress if callable(progress) else None
     for key, value, most in (("evaluations", evaluations, MOST), ("starts", starts, 1000), ("workers", workers, 512)):

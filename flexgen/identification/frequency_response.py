@@ -174,10 +174,8 @@ class Frf(ArrayResult):
             raise ValueError(f"G, UU, C: expected numbers between 0 and {LARGEST:g}")
         if arrays["speed_sd"].shape != (len(poses), n) or arrays.get("total", variance).shape != variance.shape:
             raise ValueError("arrays of different sizes")
-        counts, times = (
-            (int(meta["periods"]), int(meta["experiments"])),
-            (float(meta["sample_s"]), float(meta["delay_s"])),
-        )
+        counts = int(meta["periods"]), int(meta["experiments"])
+        times = float(meta["sample_s"]), float(meta["delay_s"])
         if min(*counts, 1 + min(times)) < 1 or not np.isfinite(times).all():
             raise ValueError("periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0")
         return cls(
@@ -199,12 +197,23 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
     transients : bool
         Remove transients by local polynomials; the experiment needs its spectra ``beside`` the lines.
 
+    Returns
+    -------
+    Frf
+
     Raises
     ------
     ArgumentError
         Torques were limited, a period does not repeat, or there are no spectra beside the lines.
     SolverError
         The inputs of the experiments are not independent.
+
+    Examples
+    --------
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> responses = flexgen.frf(flexgen.measure(plan))
+    >>> responses.G.shape  # poses, frequencies, accelerations, torques
+    (1, 10, 2, 2)
     """
     _check(experiment, average, transients)
     plan = experiment.plan

@@ -96,6 +96,14 @@ def identify(
         A name is unknown, or the data belong to another robot.
     SolverError
         The model has no equilibrium at the poses of the data.
+
+    Examples
+    --------
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6})  # file: 7.5e6
+    >>> found = flexgen.identify("elbow", flexgen.frf(flexgen.measure(plan, robot)), starts=1)
+    >>> f"{found.values['q1.stiffness']:.2e} N m/rad"
+    '6.00e+06 N m/rad'
     """
     tell = progress if callable(progress) else None
     robot = model if isinstance(model, RobotModel) else read(model)

@@ -318,12 +318,28 @@ def fit_motion(
         A description of recordings that are not fitted.
     progress : callable or bool, optional
 
+    Returns
+    -------
+    MotionFit
+
     Raises
     ------
     ArgumentError
         The recordings cannot be used, or a name is unknown.
     SolverError
         The simulation with the start values is not finite.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from flexgen.identification.recordings.recording_writer import RecordingWriter
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6})  # file: 7.5e6
+    >>> writer = RecordingWriter(Path("recorded"), plan, flexgen.read("elbow"))  # simulated in place of a robot
+    >>> experiment = flexgen.measure(plan, robot, raw=writer)
+    >>> found = flexgen.fit_motion("elbow", writer.finish(), free=["stiffness"])
+    >>> f"{found.values['q1.stiffness']:.2e} N m/rad"
+    '6.00e+06 N m/rad'
     """
     began = time.perf_counter()
     data = read_description(recordings)
@@ -336,8 +352,7 @@ def fit_motion(
         )
     shooting = _Shooting(vector, data, segment_s)
     fit = _minimize(shooting, vector, progress if callable(progress) else None)
-    x = fit.x
-    r, J = shooting.parts(x)
+    r, J = shooting.parts(fit.x)
     prior = np.diag(vector.prior_sd**-2.0)
     inverse = np.linalg.inv(fit.A + prior)
     scores = np.einsum("snk,sn->sk", J, r)
@@ -348,12 +363,12 @@ def fit_motion(
     held_out: tuple[float, ...] = ()
     status = _status(fit, percent, white)
     if validate is not None:
-        held_out, held_out_rms = _validate(vector, x, validate, segment_s)
+        held_out, held_out_rms = _validate(vector, fit.x, validate, segment_s)
         if status == FitStatus.FITTED and _fails(percent, held_out, held_out_rms / rms):
             status = FitStatus.POORLY_VALIDATED
     return MotionFit(
         vector=vector,
-        x=x,
+        x=fit.x,
         formal_covariance=covariance,
         status=status,
         rms=tuple(rms.tolist()),

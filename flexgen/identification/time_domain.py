@@ -210,6 +210,15 @@ def refine(
     ------
     ArgumentError
         The experiment is another one, or a parameter cannot be simulated.
+
+    Examples
+    --------
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6})  # file: 7.5e6
+    >>> experiment = flexgen.measure(plan, robot)
+    >>> found = flexgen.identify("elbow", flexgen.frf(experiment), starts=1)
+    >>> f"{flexgen.refine(found, experiment).values['q1.stiffness']:.2e} N m/rad"
+    '6.00e+06 N m/rad'
     """
     began = time.perf_counter()
     tell = progress if callable(progress) else None

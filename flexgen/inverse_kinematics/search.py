@@ -129,6 +129,13 @@ def kinematics(
         The arm has not six free joints, or the rotation is none.
     SolverError
         The arm is singular at the pose, with more than 16 solutions that have no regular neighbors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> found = flexgen.kinematics("manutec_r3", np.array([0.5, 0.6, 1.2]), np.eye(3))
+    >>> [configuration.flags for configuration in found]  # arm, elbow, wrist
+    [(1, -1, 1), (1, -1, -1), (1, 1, -1), (1, 1, 1)]
     """
     robot = robot_of(model)
     p, R = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)

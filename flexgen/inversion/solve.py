@@ -77,10 +77,9 @@ def solve(
         A move of the model file; default: its first.
     method : str
         A name of `flexgen.inversion.method_table.method_names`, or ``"auto"``: "full" for complete motor coupling and
-        for springs with a kink; "lq" with limits ("full" without a C compiler); else "closed-form" without non-actuated
-        coordinates, and "lq" with them ("collocation" without a C compiler). If it fails, finer meshes are tried, and
-        for a minute further methods: "lq" after "closed-form", "bvp" and "collocation" after "lq", and "full" up to 8
-        coordinates. ``details["attempts"]`` says why a method was left.
+        springs with a kink; "lq" with limits; else "closed-form" without non-actuated coordinates, and "lq" with them
+        (without a C compiler "full" and "collocation"). If it fails, finer meshes are tried, then for a minute "lq"
+        after "closed-form", "bvp" and "collocation" after "lq", "full" up to 8 coordinates: ``details["attempts"]``.
     preview : float, optional [s]
         How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`.
     mesh : float, optional [s]
@@ -88,13 +87,10 @@ def solve(
     limits : Limits, optional
         Bounds on motor torque, motor speed and deflection: "lq" modifies the path and inverts the modified path,
         "full" and "collocation" optimize torque and tool error together.
-    verify : bool
-        Simulate the full model and measure the error; a mesh that misses ``accuracy`` is refined.
-    accuracy : float [rad, and m for each meter of reach, at most m]
-        Largest verified error of a solved move.
+    verify, accuracy : bool, float [rad, and m for each meter of reach, at most m]
+        Simulate the full model and measure the error; meshes are refined until it is at most ``accuracy``.
     hold : str
-        Output of the controller between its samples: ``"spline"``, ``"linear"`` or ``"zoh"`` (zero-order hold).
-        `Solution.torque_command` has the torques to send, verified with this hold.
+        Output of the controller between its samples: ``"spline"``, ``"linear"``, ``"zoh"``; see ``torque_command``.
     sample_time, delay : float [s]
         Of the controller (default: 1 ms); from its tick to the instant at which the motor has the torque.
     time_limit : float or None [s]
@@ -110,10 +106,23 @@ def solve(
     options : mapping, optional
         Options of single methods, see their modules.
 
+    Returns
+    -------
+    Solution
+
     Raises
     ------
     ArgumentError, SolverError
         Unknown move or method, or a method that does not apply; no solution: the text gives reason and what to try.
+
+    Examples
+    --------
+    >>> solution = flexgen.solve("elbow", "line")
+    >>> print(solution.status, "by", solution.method)
+    solved by closed-form
+    >>> torque = solution.trajectory["tau_m"]  # N m
+    >>> torque.shape, float(abs(torque).max().round(2))
+    ((1005, 2), 19.76)
     """
     began, log = (time.perf_counter(), time.process_time()), progress if callable(progress) else None
     check_arguments(method, preview, mesh, accuracy, time_limit, limits)

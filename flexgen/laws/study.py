@@ -246,6 +246,13 @@ def feedback_study(
         The model is not an arm with elastic joints, or an argument is out of range.
     SolverError
         The move has no solution.
+
+    Examples
+    --------
+    >>> ideal = flexgen.Setting(sample_s=0.5e-3, delay_s=0.0, exact=True)
+    >>> study = flexgen.feedback_study("elbow", settings=[ideal], families=["motor PD", "FL"], tunings=2)
+    >>> [f"{1e3 * study.best(ideal, family).worst_m:.2f} mm" for family in ("motor PD", "FL")]
+    ['0.28 mm', '0.21 mm']
     """
     tell = progress if callable(progress) else (lambda line: None)
     robot = robot_of(ARM if model is None else model)

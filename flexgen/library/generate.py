@@ -154,6 +154,12 @@ def generate(
         holds another library or files that flexgen did not write; the directory stays as it was.
     ModelError, ArgumentError
         Where the model cannot be read or a function is unknown.
+
+    Examples
+    --------
+    >>> written = flexgen.generate("elbow", build=False)
+    >>> print(written.directory, "inverse_dynamics" in written.functions)
+    generated/elbow True
     """
     start = time.perf_counter()
     log = progress if callable(progress) else (lambda line: None)

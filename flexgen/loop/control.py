@@ -143,6 +143,14 @@ def control(
         An argument is out of range, or the controller does not fit.
     SolverError
         The move has no solution, or a robot no equilibrium.
+
+    Examples
+    --------
+    >>> run = flexgen.control("elbow", plants={"soft": {"stiffness": 0.8}})
+    >>> print(run.status, [robot.name for robot in run.runs])
+    done ['nominal', 'soft']
+    >>> f"{1e6 * run.distance(run['soft']).max():.0f} um"
+    '242 um'
     """
     tell = progress if callable(progress) else None
     case = control_case(

@@ -33,6 +33,11 @@ def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
     ------
     ModelError
         A file is not a valid model, and ``broken`` was not given.
+
+    Examples
+    --------
+    >>> [each["name"] for each in flexgen.models()][:3]
+    ['abb_arm', 'beam_arm', 'elbow']
     """
     rows = []
     for name in model_names():
@@ -100,6 +105,12 @@ def describe(
     ------
     ModelError, ArgumentError
         The model or one of the variants of its file cannot be read.
+
+    Examples
+    --------
+    >>> robot = flexgen.describe("elbow")
+    >>> robot["dof"], [motor["name"] for motor in robot["motors"]], [move["name"] for move in robot["moves"]]
+    (4, ['m1', 'm2'], ['line', 'joints'])
     """
     if isinstance(model, RobotModel):
         robot = model

@@ -35,6 +35,15 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
         The file has an error or does not fit the robot.
     ArgumentError
         There is no such file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> text = "type = 'joint'\\nstart_deg = [0, 0]\\nend_deg = [30, 0]\\nduration = 0.8\\nsmoothness = 5"
+    >>> length = Path("moves.toml").write_text("[[move]]\\nname = 'lift'\\n" + text)
+    >>> (lift,) = flexgen.read_moves("moves.toml", flexgen.read("elbow"))
+    >>> print(flexgen.solve("elbow", lift).status)
+    solved
     """
     path = Path(file)
     try:

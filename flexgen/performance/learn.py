@@ -229,6 +229,12 @@ def learn(
         An argument is out of range, or the model has no inversion in C.
     SolverError
         The move has no solution. If the robot fails, ``stopped`` states it instead.
+
+    Examples
+    --------
+    >>> learned = flexgen.learn("elbow", plant={"stiffness": 0.8}, iterations=1)
+    >>> [f"{1e6 * error:.0f} um" for error in learned.errors]
+    ['242 um', '0 um']
     """
     tell = progress if callable(progress) else (lambda line: None)
     seed = seed_of(seed)

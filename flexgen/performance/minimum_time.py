@@ -195,6 +195,12 @@ def fastest(
         An argument is out of range, or the move has several segments.
     SolverError
         The move has no solution, the limits cannot be kept at any speed, or the time limit is over.
+
+    Examples
+    --------
+    >>> quick = flexgen.fastest("elbow", "line", coefficients=4)
+    >>> f"{quick.duration_s:.2f} s instead of {quick.default_s:.2f} s"
+    '0.87 s instead of 1.00 s'
     """
     if not is_whole(coefficients, 4, 60):
         raise ArgumentError(f"coefficients: given {coefficients!r}, expected 4 to 60")

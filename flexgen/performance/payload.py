@@ -94,6 +94,13 @@ def identify_load(
         The record is too short, is not equidistant, or is of other motors.
     SolverError
         The motion does not determine the load, or no load was found.
+
+    Examples
+    --------
+    >>> loaded = flexgen.control("manutec_r3", plants={"loaded": {"payload": 8.0}}, sample_time=1e-3)
+    >>> load = flexgen.identify_load("manutec_r3", loaded.trajectory("loaded"))
+    >>> f"{load.mass:.1f} kg"
+    '8.0 kg'
     """
     robot = robot_of(model)
     return _Estimate(robot, record, low_pass_hz, rigid).solve()

@@ -423,6 +423,14 @@ def plan_problem(
         An argument is out of range.
     SolverError
         The ends of the move have no equilibrium.
+
+    Examples
+    --------
+    >>> problem = flexgen.plan_problem("four_mass", mesh=40)
+    >>> problem.add_cost(problem["tau_m"] ** 2)  # its integral over the move
+    >>> problem.bound("tau_m", -7, 7)  # N m
+    >>> print(problem.solve().status)
+    solved
     """
     if scheme not in SCHEMES:
         raise ArgumentError(f"scheme: given {scheme!r}, expected one of {', '.join(SCHEMES)}")

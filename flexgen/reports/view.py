@@ -64,6 +64,11 @@ def view(
         missing, or a file cannot be written.
     SolverError, ModelError
         The move of a robot cannot be solved.
+
+    Examples
+    --------
+    >>> print(flexgen.view("elbow", "elbow.html"))
+    elbow.html
     """
     if path is None and video is None:
         raise ArgumentError("view: given no file, expected a path that ends in .html, or a video")

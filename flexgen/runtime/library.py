@@ -311,6 +311,13 @@ def load(directory: str | os.PathLike[str]) -> Library:
         Where the directory is not a path.
     BuildError
         Where there is no library, not the one that the manifest describes, or one that other users may change.
+
+    Examples
+    --------
+    >>> written = flexgen.generate("elbow", functions=["gravity"])
+    >>> library = flexgen.load(written.directory)
+    >>> library.gravity([0.0, 0.0]).round(1)  # N m
+    array([-867.9, -867.9])
     """
     if not isinstance(directory, str | os.PathLike) or not isinstance(os.fspath(directory), str):
         raise ArgumentError(f"directory: given {directory!r}, expected the path of what flexgen.generate wrote")

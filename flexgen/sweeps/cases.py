@@ -85,7 +85,33 @@ def _peaks(smoothness: int) -> tuple[float, float]:
 
 @checked_types(own=("count",))
 def random_moves(count: int, seed: int = 0, duration: float = 1.0, smoothness: int = 5) -> tuple[RandomMove, ...]:
-    """``count`` random joint moves, at most a million."""
+    """Random joint moves within the ranges, speeds and accelerations of the model, for the cases of a `Grid`.
+
+    Parameters
+    ----------
+    count : int
+        At most a million.
+    seed : int
+        Of the random numbers; a move depends on the seed and its number only.
+    duration : float [s]
+    smoothness : int
+        Of the time law, as in a model file.
+
+    Returns
+    -------
+    tuple of RandomMove
+
+    Raises
+    ------
+    ArgumentError
+        A number is out of range.
+
+    Examples
+    --------
+    >>> moves = flexgen.random_moves(3, seed=1, duration=0.8)
+    >>> len(flexgen.Grid(["elbow", "planar5_nmp"], moves=moves, methods=["auto"]))
+    6
+    """
     count = count_of("count", count, RANDOM_MOVES, 0)
     return tuple(RandomMove(number, seed, duration, smoothness) for number in range(count))
 
@@ -201,7 +227,30 @@ class Grid:
 
 @checked_types(own=("values",))
 def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], ...]:
-    """All combinations of the listed values as parameter sets, the last key fastest."""
+    """All combinations of the listed values as parameter sets, the last key fastest.
+
+    Parameters
+    ----------
+    values : mapping of str to sequence
+        Values of each dotted path of the model file.
+
+    Returns
+    -------
+    tuple of dict
+        ``parameters`` of a `Grid`: changes of the model file, see ``overrides`` of `flexgen.read`.
+
+    Raises
+    ------
+    ArgumentError
+        Not a mapping to lists with values, or too many combinations.
+
+    Examples
+    --------
+    >>> for changes in flexgen.combinations({"motor.m1.inertia": [0.01, 0.02], "motor.m2.inertia": [0.01]}):
+    ...     print(changes)
+    {'motor.m1.inertia': 0.01, 'motor.m2.inertia': 0.01}
+    {'motor.m1.inertia': 0.02, 'motor.m2.inertia': 0.01}
+    """
     for key, listed in mapping_of("values", values, "a mapping of names to lists of values").items():
         if isinstance(listed, str) or not isinstance(listed, Sequence) or not listed:
             raise ArgumentError(f"parameters {key}: given {show_value(listed)}, expected a list of values")

@@ -107,6 +107,13 @@ def sweep(
         An argument is wrong, or the folder contains something else.
     SolverError
         Workers cannot be started, or are lost repeatedly.
+
+    Examples
+    --------
+    >>> grid = flexgen.Grid(["elbow"], moves=flexgen.random_moves(2, seed=1), methods=["closed-form"])
+    >>> result = flexgen.sweep(grid, workers=1)
+    >>> print(*result.results["status"])
+    solved solved
     """
     _check_arguments(grid, out, workers, executor, shard_size, resume, in_flight)
     log = progress if callable(progress) else (lambda line: None)

@@ -97,8 +97,10 @@ RUNTIME_NEEDS |= {"", "deprecation", "registry", "version"}  # the package itsel
 # Modules that import what a variable names: a name from a table that another module has handed down, or a user's file.
 IMPORT_BY_NAME = {"flexgen", "flexgen.registry"}
 
-# Largest sizes in lines: all Python files directly in a folder, one file, one function (docstring included).
+# Largest sizes in lines: all Python files directly in a folder, one file, one function (docstring included, but without
+# its examples, which are documentation that runs as a test, see test_docstring_examples.py).
 FOLDER, FILE, FUNCTION = 4000, 450, 80
+EXAMPLES = re.compile(r'^\n( *)Examples\n\1--------\n(?:\1[^\s"].*\n)+', re.MULTILINE)
 MEASURED = ["flexgen", "benchmarks", "examples"]
 # Rooms with more lines than `FOLDER` in all their folders, and how many: no more than these two in the end.
 LARGE = {
@@ -352,20 +354,26 @@ def files(root: Path = ROOT) -> dict[str, str]:
     return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in found}
 
 
+def size(text: str) -> int:
+    """Number of lines without the examples of docstrings."""
+    return len((EXAMPLES.sub("", text) if "Examples\n" in text else text).splitlines())
+
+
 def size_violations(texts: dict[str, str]) -> list[str]:
     """Folders, files and functions with more lines than `FOLDER`, `FILE` and `FUNCTION`."""
     out = []
     folders: dict[str, int] = {}
     for path, text in texts.items():
-        lines = len(text.splitlines())
+        lines = size(text)
         folder = Path(path).parent.as_posix()
         folders[folder] = folders.get(folder, 0) + lines
         if lines > FILE:
             out.append(f"{path}: {lines} lines, at most {FILE} in a file")
+        rows = text.splitlines(keepends=True)
         out += [
             f"{path}:{line}: {name} has {length} lines, at most {FUNCTION} in a function"
-            for name, line, length, _ in source(text).functions
-            if length > FUNCTION
+            for name, line, all_lines, _ in source(text).functions
+            if all_lines > FUNCTION and (length := size("".join(rows[line - 1 : line - 1 + all_lines]))) > FUNCTION
         ]
     out += [f"{folder}: {n} lines, at most {FOLDER} in a folder" for folder, n in folders.items() if n > FOLDER]
     return out
@@ -387,7 +395,7 @@ def large_rooms(texts: dict[str, str]) -> list[str]:
     rooms: dict[str, int] = {}
     for path, text in texts.items():
         if path.startswith("flexgen/") and path.count("/") > 1:
-            rooms[path.split("/")[1]] = rooms.get(path.split("/")[1], 0) + len(text.splitlines())
+            rooms[path.split("/")[1]] = rooms.get(path.split("/")[1], 0) + size(text)
     most = {name: LARGE.get(name, FOLDER) for name in rooms}
     return [f"{name}: {n} lines, at most {most[name]} in this room" for name, n in rooms.items() if n > most[name]]
 
@@ -645,6 +653,13 @@ def test_planted_folder_of_many_files_is_seen():
     assert size_violations(files() | planted) == [f"flexgen/planted: 4010 lines, at most {FOLDER} in a folder"]
     planted.popitem()
     assert size_violations(files() | planted) == []
+
+
+def test_examples_of_docstrings_do_not_count_but_what_follows_them_does():
+    example = "\n    Examples\n    --------\n" + "    >>> 1\n    1\n" * FUNCTION
+    text = 'def f():\n    """Nothing.\n' + example + '    """\n' + "    x = 1\n" * (FUNCTION - 3)
+    assert size_violations({"flexgen/planted/x.py": text}) == []
+    assert len(size_violations({"flexgen/planted/x.py": text + "    x = 1\n"})) == 1
 
 
 def test_sizes_at_the_limit_are_allowed():

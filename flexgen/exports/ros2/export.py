@@ -77,6 +77,11 @@ def export_ros2(
     ------
     ModelError, ArgumentError, BuildError
         The model cannot be read, or has no streams; a name is not allowed; the folder holds other files.
+
+    Examples
+    --------
+    >>> print(flexgen.export_ros2("elbow", gains=None, maintainer="Ada", email="ada@example.org"))
+    exports/flexgen_elbow
     """
     library = emit(model, streams=controller)
     name = library.name

@@ -60,6 +60,11 @@ def export_selftest(
     ModelError, ArgumentError, BuildError, SolverError
         The model cannot be read or has a name that C does not allow; the folder holds other files; the torques of the
         move are not found.
+
+    Examples
+    --------
+    >>> print(flexgen.export_selftest("elbow", motion=False))
+    exports/elbow_selftest
     """
     library = emit(model, precision=precision)
     name, equations = library.name, library.equations

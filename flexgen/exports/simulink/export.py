@@ -41,6 +41,11 @@ def export_simulink(
     ------
     ModelError, ArgumentError, BuildError
         The model cannot be read or has no streams; the folder holds other files.
+
+    Examples
+    --------
+    >>> print(flexgen.export_simulink("elbow"))
+    exports/elbow_simulink
     """
     library = emit(model, streams=stream)
     name = library.name

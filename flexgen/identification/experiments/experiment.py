@@ -189,12 +189,24 @@ def measure(
         channels) of the measured periods.
     progress : callable or bool, optional
 
+    Returns
+    -------
+    Experiment
+
     Raises
     ------
     ArgumentError
         The robot has other motors than the plan, or not its sensors.
     SolverError
         The loop is unstable.
+
+    Examples
+    --------
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.spring.stiffness": 6e6})
+    >>> experiment = flexgen.measure(plan, robot)
+    >>> experiment.tau_m.shape  # poses, realizations, experiments, periods, frequencies, motors
+    (1, 1, 2, 4, 10, 2)
     """
     tell = progress if callable(progress) else None
     if steps is not None:
@@ -203,8 +215,7 @@ def measure(
     robot = _robot(plan, truth)
     library = library_with(robot, ("forward_dynamics",), progress=tell)
     local = LocalModel(robot, ())
-    rest = local.rest(local.values, plan.poses)
-    rate = largest_rate(local, plan.poses)
+    rest, rate = local.rest(local.values, plan.poses), largest_rate(local, plan.poses)
     shape = (len(plan.poses), plan.realizations, plan.experiments, plan.periods, len(plan.lines), robot.n_m)
     kept = _Spectra(plan, robot, SensorSignals(robot, plan, library, seed) if plan.sensors else None, beside)
     saturated = np.zeros(len(plan.poses), np.int64)
@@ -212,9 +223,8 @@ def measure(
     for first in range(0, len(runs), LANES):
         group = runs[first : first + LANES]
         at = [k for k, _, _ in group]
-        poses = plan.poses[at]
         loop = ClosedLoop(
-            robot, library, plan.hardware, plan.controller, rest.y[at, : robot.n_a], poses, rate,
+            robot, library, plan.hardware, plan.controller, rest.y[at, : robot.n_a], plan.poses[at], rate,
             seed=seed * 1_000_003 + first, steps=steps,
         )  # fmt: skip
         loop.hold(rest.tau_m[at])

@@ -94,6 +94,14 @@ def excite(
     ------
     ArgumentError
         An argument is wrong, or the motion leaves the limits of joints or motors.
+
+    Examples
+    --------
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)  # rad, Hz
+    >>> plan
+    <Plan elbow: 1 poses, 1 x 2 experiments of 1 + 4 periods of 1 s, 10 lines 3 .. 67 Hz: 10 s>
+    >>> list(plan.predicted)
+    ['q1.stiffness', 'q1.damping', 'q2.stiffness', 'q2.damping']
     """
     robot, hardware = model if isinstance(model, RobotModel) else read(model), hardware or DriveHardware()
     _check_counts(periods, transients, realizations)
