@@ -86,7 +86,8 @@ def minimize(
             break
         step = np.zeros(len(x))
         step[free] = _step(matrix[np.ix_(free, free)], whole[free], radius)
-        step = np.clip(x + step, lower, upper) - x
+        there = np.clip(x + step, lower, upper)  # exactly at a bound where one is reached
+        step = there - x
         gain = -float(2 * whole @ step + step @ matrix @ step)  # of the objective, by the quadratic model
         size = float(np.linalg.norm(step))
         inner = np.ix_(free, free)
@@ -95,18 +96,18 @@ def minimize(
             converged = True
             break
         try:
-            new = cost(x + step)
+            new = cost(there)
         except SolverError:
             radius = size / 4
             continue
-        ratio = (total - objective(x + step, new)) / gain if gain > 0 else -1.0
+        ratio = (total - objective(there, new)) / gain if gain > 0 else -1.0
         if not np.isfinite(ratio) or ratio < 1e-4:
             radius = size / 4
             if radius < SMALL_STEP:
                 converged = gain <= 1e-9 * total  # rounding: nothing left to gain
                 break
             continue
-        x = x + step
+        x = there
         value, g, A = sums(x)
         total = objective(x, value)
         if ratio > 0.75 and size > 0.8 * radius:
