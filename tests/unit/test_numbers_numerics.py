@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -51,7 +53,7 @@ def test_a_tableau_that_breaks_an_order_condition_is_refused(which: str, size: f
     good = gauss(2)
     parts = {name: getattr(good, name) for name in ("name", "c", "A", "b", "AA", "bb", "order")}
     Tableau(**parts)
-    with pytest.raises(AssertionError, match="Gauss 2: (order condition|stage order)"):
+    with pytest.raises(AssertionError, match=r"Gauss 2: (order condition|stage order)"):
         Tableau(**{**parts, which: parts[which] + size})
 
 
@@ -248,7 +250,7 @@ def test_the_trust_region_follows_the_curved_valley_and_refuses_bad_steps() -> N
     assert len(steps) - 1 < len(asked)  # some were refused
     values = [float(np.sum(residual(x) ** 2)) for x in steps]
     assert np.all(np.diff(values) < 0)
-    moved = [float(np.linalg.norm(b - a)) for a, b in zip(steps, steps[1:], strict=False)]
+    moved = [float(np.linalg.norm(b - a)) for a, b in pairwise(steps)]
     assert max(moved) <= trust_region.LARGEST_RADIUS and moved[0] <= trust_region.RADIUS * 1.06
     assert (fit.iterations, len(steps)) == (17, 14)  # measured: the rules of the radius decide these numbers
 
@@ -263,7 +265,7 @@ def test_the_radius_grows_on_a_long_way_and_stays_below_its_limit() -> None:
 
     bounds = np.full(2, -99.0), np.full(2, 99.0)
     fit = minimize(noted, cost, np.zeros(2), np.zeros(2), np.full(2, 1e9), bounds)
-    lengths = np.array([np.linalg.norm(b - a) for a, b in zip(visited, visited[1:], strict=False)])
+    lengths = np.array([np.linalg.norm(b - a) for a, b in pairwise(visited)])
     expected = [0.5, 1.0, 2.0, *[3.0] * 15]
     assert_allclose(lengths[:-1], expected[: len(lengths) - 1], rtol=0.051)
     assert_allclose(fit.x, [30.0, 40.0], atol=1e-6)
