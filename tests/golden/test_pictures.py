@@ -18,55 +18,16 @@ import pytest
 
 sys.path.append(str(File(__file__).resolve().parents[1] / "support"))
 from figure_text import figure_text
+from made_results import Indexed, derived, made_run, made_simulation, made_trajectory
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.output_columns import output_labels
 from flexgen.paths.path import Path
 from flexgen.plots import along_path, control, feedback_study, identification, linear, signals, solution
 from flexgen.plots import canvas as cv
-from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
 GOLDEN = File(__file__).with_name("pictures.txt")
-derived = functools.cache(derive)
-
-
-def made_trajectory(equations: Equations, early: float = 0.02, end: float = 0.8, **meta: Any) -> Trajectory:
-    """A motion by formulas; ``early``: how much of the torque acts before the path."""
-    model = equations.model
-    t = np.linspace(-0.4, 1.3, 86)
-    rise = np.clip(t / end, 0.0, 1.0)
-    rise = rise**3 * (10 - 15 * rise + 6 * rise**2)
-    k, m = np.arange(model.n_a) + 1.0, np.arange(model.n_m) + 1.0
-    q_a = (
-        0.3 / k + rise[:, None] * (-1.0) ** k * 0.7 / k + 1e-3 * np.sin(9 * t[:, None] * k) * np.isin(k - 1, model.i_e)
-    )
-    q_m = (q_a[:, list(model.i_g)] + 2e-4 * np.cos(7 * t[:, None] * m)) @ model.eta.T
-    tau = 3 / m + early * np.exp(np.minimum(t, 0.0)[:, None] / 0.03) * m + np.sin(np.pi * rise)[:, None] * (-1.0) ** m
-    channels = {"q_a": q_a, "q_m": q_m, "v_m": np.gradient(q_m, t, axis=0), "tau_m": tau}
-    units = {"q_a": "rad", "q_m": "rad", "v_m": "rad/s", "tau_m": "N m"}
-    reference = {}
-    if output_labels(model)["y_ref"]:
-        width = len(output_labels(model)["y_ref"])
-        channels["y_ref"] = 0.5 + rise[:, None] * 0.2 * (np.arange(width) + 1.0)
-        units["y_ref"] = "m"
-        reference = {"y_ref": output_labels(model)["y_ref"]}
-    labels = {name: tuple(f"{name}{j}" for j in range(x.shape[1])) for name, x in channels.items()} | reference
-    ports = {name: Port(name, (x.shape[1],), units[name], "made up") for name, x in channels.items()}
-    return Trajectory(t, channels, ports, labels, {"model": model.name} | meta)
-
-
-def made_simulation(trajectory: Trajectory, width: int, turn: bool) -> Any:
-    """A simulation whose tool is beside the planned one."""
-    t = trajectory.time
-    error = 1e-6 * (1 + np.arange(width)) * np.abs(np.sin(20 * t))[:, None]
-    channels = dict(trajectory.channels) | {"error": error} | ({"turn": 3e-3 * np.cos(t)[:, None]} if turn else {})
-    channels["q_a"] = channels["q_a"] + 0.01
-    ports = {name: Port(name, (x.shape[1],), "m", "made up") for name, x in channels.items()}
-    labels = {name: tuple(f"{name}{j}" for j in range(x.shape[1])) for name, x in channels.items()}
-    return Made(trajectory=Trajectory(t, channels, ports, labels, dict(trajectory.meta)))
 
 
 @functools.cache
@@ -78,9 +39,13 @@ def analysis(name: str) -> Any:
 def solutions() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Pictures of a motion: planar and spatial robots, one with a beam, one without extent."""
     for name, move, width, turn in (
-        ("planar5_nmp", "line", 2, False), ("kr300_efjm", "line", 3, True), ("beam_arm", "line", 2, False),
-        ("four_mass", "step", 1, False), ("urdf_arm", "", 3, False), ("abb_arm", "", 1, False),
-    ):  # fmt: skip
+        ("planar5_nmp", "line", 2, False),
+        ("kr300_efjm", "line", 3, True),
+        ("beam_arm", "line", 2, False),
+        ("four_mass", "step", 1, False),
+        ("urdf_arm", "", 3, False),
+        ("abb_arm", "", 1, False),
+    ):
         equations = derived(name)
         trajectory = made_trajectory(equations, 0.02 if width != 3 else 0.0, **({"move": move} if move else {}))
         run = made_simulation(trajectory, width, turn)
@@ -107,9 +72,13 @@ def resting(trajectory: Trajectory) -> Trajectory:
     """The same with one motor at rest."""
     still = trajectory["v_m"].copy()
     still[:, 0] = 0.0
-    return Trajectory(trajectory.time, {"v_m": still, "tau_m": trajectory["tau_m"]},
-                      {name: trajectory.ports[name] for name in ("v_m", "tau_m")},
-                      {name: trajectory.labels[name] for name in ("v_m", "tau_m")}, {})  # fmt: skip
+    return Trajectory(
+        trajectory.time,
+        {"v_m": still, "tau_m": trajectory["tau_m"]},
+        {name: trajectory.ports[name] for name in ("v_m", "tau_m")},
+        {name: trajectory.labels[name] for name in ("v_m", "tau_m")},
+        {},
+    )
 
 
 def linearized() -> Iterator[tuple[str, Callable[[], Any]]]:
@@ -130,9 +99,15 @@ def linearized() -> Iterator[tuple[str, Callable[[], Any]]]:
     equations = derived("kr300_efjm")
     trajectory = made_trajectory(equations)
     runs = [
-        Made(method=m, model=equations.model, trajectory=trajectory, move=Made(name="line", duration=0.8),
-             simulation=made_simulation(trajectory, 3, m != "lq")) for m in ("rigid", "lq")
-    ]  # fmt: skip
+        Made(
+            method=m,
+            model=equations.model,
+            trajectory=trajectory,
+            move=Made(name="line", duration=0.8),
+            simulation=made_simulation(trajectory, 3, m != "lq"),
+        )
+        for m in ("rigid", "lq")
+    ]
     yield "errors of methods", functools.partial(along_path.errors_of_methods, equations.model, tuple(runs))
     rows = Rows(np.arange(6.0) ** 2, np.arange(36.0).reshape(6, 2, 3), np.array(3.0), "x", np.arange(5.0))
     yield "arrays", functools.partial(signals.plot_arrays, rows)
@@ -156,29 +131,6 @@ class Rows:
     short: np.ndarray
 
 
-def made_run(name: str = "pd", failure: str = "", plants: int = 3) -> Any:
-    """A closed loop of two motors."""
-    model = derived("planar5_nmp").model
-    time = np.linspace(-0.3, 1.1, 15)
-    runs = [Made(name=f"robot {k}", failure=failure if k == 1 else "", size=2e-4 * (k + 1)) for k in range(plants)]
-    loop = Made(response=lambda _: Made(hz=np.geomspace(0.1, 90, 6), gains=np.outer(np.geomspace(9, 0.02, 6), [1, 0.3]),
-                                        nyquist=np.array([3 - 4j, 0.5 - 1j, -0.2 + 0.1j])))  # fmt: skip
-    run: Any = Made(
-        model=model, solution=Made(move=Made(name="line")), controller=name, runs=runs,
-        reference=Made(time=time, path_end=0.8, begin=0.1), unit="m",
-        distance=lambda r: r.size * np.abs(np.sin(5 * time)),
-        nominal=Made(tau_m=np.outer(np.cos(time), [2.0, -0.5])), loops=lambda: {"nominal": loop, "stiff": loop},
-    )  # fmt: skip
-    return run
-
-
-class Indexed(Made):
-    """A closed loop whose robots are found by their names."""
-
-    def __getitem__(self, name: str) -> Any:
-        return next(r for r in self.runs if r.name == name)
-
-
 def controlled() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Pictures of closed loops, of learning and of the study of feedback."""
     yield "control", functools.partial(control.plot_control, made_run())
@@ -186,17 +138,38 @@ def controlled() -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "loops", functools.partial(control.plot_loops, made_run())
     first, best = (Indexed(**vars(made_run(name))) for name in ("pd", "learned"))
     learned = Made(
-        runs=[first, best, best], best=1, errors=[2e-3, 3e-4, 4e-4], unit="m", plant="robot 2",
+        runs=[first, best, best],
+        best=1,
+        errors=[2e-3, 3e-4, 4e-4],
+        unit="m",
+        plant="robot 2",
         time=np.linspace(0, 1, 9),
         corrections=[np.zeros((9, 2)), np.outer(np.linspace(0, 1e-3, 9), [1, -2]), np.ones((9, 2))],
-    )  # fmt: skip
+    )
     yield "learned", functools.partial(control.plot_learned, learned)
     settings = [Setting(exact) for exact in (True, False, False)]
-    tunings = {f: [Made(worst_m=w, torque_noise_Nm=n) for w, n in
-                   ((2e-3 * (k + 1), 0.5), (0.03, 1.0), (1e-3, 3.0), (1.0, 1.0), (1e-3, 1e3), (4e-3, 0.1), (5e-3, 0.0))]
-               for k, f in enumerate(feedback_study.FAMILIES[:3])}  # fmt: skip
-    study = Made(settings=settings, model=Made(title="Arm"), plants=[1] * 6, torque_noise_Nm=0.7,
-                 of=lambda _, family: tunings.get(family, []))  # fmt: skip
+    tunings = {
+        f: [
+            Made(worst_m=w, torque_noise_Nm=n)
+            for w, n in (
+                (2e-3 * (k + 1), 0.5),
+                (0.03, 1.0),
+                (1e-3, 3.0),
+                (1.0, 1.0),
+                (1e-3, 1e3),
+                (4e-3, 0.1),
+                (5e-3, 0.0),
+            )
+        ]
+        for k, f in enumerate(feedback_study.FAMILIES[:3])
+    }
+    study = Made(
+        settings=settings,
+        model=Made(title="Arm"),
+        plants=[1] * 6,
+        torque_noise_Nm=0.7,
+        of=lambda _, family: tunings.get(family, []),
+    )
     yield "feedback study", functools.partial(feedback_study.plot_feedback_study, study)
     for draws in (1, 2):
         yield f"score of {draws} draws", functools.partial(scored, draws)
@@ -211,16 +184,31 @@ def scored(draws: int) -> Any:
     """The picture of a score: two outputs, two robots, a pulse, a step that stays and one that outlasts the run."""
     z = np.outer(np.linspace(-1, 1, 30) ** 3, [1.0, 2.0, 5.0])
     outputs = (Made(name="tool", unit="mm"), Made(name="angle", unit="rad"))[:draws]
-    scenario = Made(name="scene", version=3, sample_s=0.02, duration_s=0.55, outputs=outputs,
-                    plan=None if draws == 1 else "some", plants=Made(names=["a, b", "c, d"]))  # fmt: skip
+    scenario = Made(
+        name="scene",
+        version=3,
+        sample_s=0.02,
+        duration_s=0.55,
+        outputs=outputs,
+        plan=None if draws == 1 else "some",
+        plants=Made(names=["a, b", "c, d"]),
+    )
     each = np.array([[0.5, 1.5], [0.9, 1.1]])[:draws]
     pulses = [Made(start_s=0.1, end_s=0.2), Made(start_s=0.3, end_s=np.inf), Made(start_s=0.5, end_s=9.0)]
     measures = np.ones((draws, 2, 1)) * [[[2.0], [3.0]]]
     score: Any = Made(
-        scenario=scenario, controller="pd", traces={"z": z}, seed=1, each=each.mean(axis=0), accepted=draws == 2,
-        totals=each.mean(axis=1), per_draw=each, values=measures, reference=np.full((draws, 1), 2.0),
+        scenario=scenario,
+        controller="pd",
+        traces={"z": z},
+        seed=1,
+        each=each.mean(axis=0),
+        accepted=draws == 2,
+        totals=each.mean(axis=1),
+        per_draw=each,
+        values=measures,
+        reference=np.full((draws, 1), 2.0),
         measures=[Made(name="error")],
-    )  # fmt: skip
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(control, "draws_of", lambda *_: [Made(disturbances=pulses), Made(disturbances=())])
         return control.plot_score(score)
@@ -268,8 +256,14 @@ def identified() -> Iterator[tuple[str, Callable[[], Any]]]:
     correlation = np.eye(5) + 0.1 * np.arange(25).reshape(5, 5)
     for some in (True, False):
         sd = dict(zip(names, (0.1, 0.02, None, 4.0, 0.3), strict=True)) if some else dict.fromkeys(names)
-        found = Made(sd=sd, values=values, vector=vector, status=Made(has_deviations=some), correlation=correlation,
-                     is_weak=lambda name: name in ("inertia", "gear.friction.coulomb"))  # fmt: skip
+        found = Made(
+            sd=sd,
+            values=values,
+            vector=vector,
+            status=Made(has_deviations=some),
+            correlation=correlation,
+            is_weak=lambda name: name in ("inertia", "gear.friction.coulomb"),
+        )
         yield f"parameters, deviations {some}", functools.partial(identification.parameter_plot, found)
     yield "correlations", functools.partial(identification.correlation_plot, found)
 

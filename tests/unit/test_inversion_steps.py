@@ -37,9 +37,17 @@ def channels(model: Any, **values: np.ndarray) -> Trajectory:
 def made(model: Any, trajectory: Trajectory | None = None, **values: Any) -> Solution:
     """A solution with made-up figures."""
     fixed: dict[str, Any] = {
-        "method": "lq", "status": Status.SOLVED, "verdict": "", "residual_max_Nm": 0.125, "residual_relative": 1e-9,
-        "iterations": 3, "wall_s": 0.0, "cpu_s": 0.0, "preactuation_s": 0.1, "simulation": None,
-    }  # fmt: skip
+        "method": "lq",
+        "status": Status.SOLVED,
+        "verdict": "",
+        "residual_max_Nm": 0.125,
+        "residual_relative": 1e-9,
+        "iterations": 3,
+        "wall_s": 0.0,
+        "cpu_s": 0.0,
+        "preactuation_s": 0.1,
+        "simulation": None,
+    }
     return Solution(model, model.moves[0], trajectory=trajectory or channels(model), **{**fixed, **values})
 
 
@@ -47,8 +55,14 @@ def simulated(model: Any, error: np.ndarray | None = None, **values: Any) -> Sim
     """A simulation with made-up figures."""
     more = {} if error is None else {"error": error}
     fixed: dict[str, Any] = {"tool_error_max_m": 1e-7, "tool_error_max_rad": None, "energy_error": 1e-9}
-    return Simulation(channels(model, **more), torque_max_Nm=1.0, speed_max_rad_s=1.0, evaluations=9, wall_s=0.0,
-                      **{**fixed, **values})  # fmt: skip
+    return Simulation(
+        channels(model, **more),
+        torque_max_Nm=1.0,
+        speed_max_rad_s=1.0,
+        evaluations=9,
+        wall_s=0.0,
+        **{**fixed, **values},
+    )
 
 
 class Problem(Made):
@@ -273,8 +287,10 @@ def test_residuals_of_the_samples_at_rest() -> None:
     trajectory = channels(model, tau_m=torque, tau_g=np.tile([10.0, -5.0], (len(T), 1)))
     rows = residual_rows(equations, trajectory)
     zeros = np.zeros
-    arm, motor = (np.array(x).ravel() for x in equations.function("residual")(
-        *(zeros(3) for _ in range(3)), *(zeros(2) for _ in range(3)), torque[0]))  # fmt: skip
+    arm, motor = (
+        np.array(x).ravel()
+        for x in equations.function("residual")(*(zeros(3) for _ in range(3)), *(zeros(2) for _ in range(3)), torque[0])
+    )
     expected = np.abs(np.r_[arm, motor[list(model.i_m)]])
     np.testing.assert_allclose(rows, expected, rtol=1e-12, atol=1e-12)
     elastic = np.array(equations.function("elastic_torque")(zeros(3), zeros(3))).ravel()

@@ -143,9 +143,15 @@ def test_motors_behind_damped_gears_satisfy_the_equation_of_the_gear(lag: float)
 def made_problem(**values: Any) -> Any:
     """A problem of an elbow with the values that a mesh or a grid needs."""
     fixed: dict[str, Any] = {
-        "equations": derive("elbow"), "path": Made(duration=1.0), "windows": (0.1, 0.25), "mesh": None, "limits": None,
-        "preview": None, "resolving": np.inf, "step": 1e-3,
-    }  # fmt: skip
+        "equations": derive("elbow"),
+        "path": Made(duration=1.0),
+        "windows": (0.1, 0.25),
+        "mesh": None,
+        "limits": None,
+        "preview": None,
+        "resolving": np.inf,
+        "step": 1e-3,
+    }
     return Made(**{**fixed, **values})
 
 
@@ -177,8 +183,9 @@ def test_a_mesh_with_too_many_samples_is_refused() -> None:
     kinked = made_problem(equations=derive("kr300_efjm"))
     curved = any(
         not c.dof.gear.rigid and type(c.dof.gear.spring).__name__ != "LinearSpring"
-        for c in kinked.equations.model.coordinates if c.dof is not None and c.dof.gear is not None
-    )  # fmt: skip
+        for c in kinked.equations.model.coordinates
+        if c.dof is not None and c.dof.gear is not None
+    )
     assert sampling.grid(kinked, 0.01)[0] == (2001 if curved else 1001)
 
 
