@@ -30,9 +30,6 @@ def _shorten(text: str, most: int) -> str:
     return f"{text[: most * 3 // 5]} ... ({left} characters) ... {text[len(text) - most // 4 :]}"
 
 
-CHANGED = ", changed by --set or overrides"  # end of the file of a ModelError: the value is on no line of it
-
-
 class FlexgenError(Exception):
     """Base of all errors of flexgen; the text is for the user: control characters are escaped, long texts shortened."""
 
@@ -53,14 +50,14 @@ def _restore(kind: type[FlexgenError], args: tuple[Any, ...], fields: dict[str, 
 class ModelError(FlexgenError):
     """A model file is wrong.
 
-    The text reads ``file:line:key: given ..., expected ...``; the fields are attributes.
+    The text reads ``file:line:key: given ..., expected ...``, or ``file: key: ...`` without a line; fields: attributes.
 
     Parameters
     ----------
     file : str
         The file as the user named it.
     line : int
-        Line of the key, from 1; 0 for the whole file.
+        Line of the key, from 1; 0 for the whole file, or a value that is on no line of it.
     key : str
         Dotted path of the key, such as ``element.joint1.dof.q1.axis``.
     given, expected : str
@@ -69,7 +66,7 @@ class ModelError(FlexgenError):
 
     def __init__(self, file: str, line: int, key: str, given: str, expected: str) -> None:
         self.file, self.line, self.key, self.given, self.expected = file, line, key, given, expected
-        place = f"{file}: {key}" if file.endswith(CHANGED) else f"{file}:{line}:{key}"
+        place = f"{file}:{line}:{key}" if line else f"{file}: {key}"
         super().__init__(f"{place}: given {given}, expected {expected}")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import CHANGED, ArgumentError, ModelError
+from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import RobotModel
 from flexgen.model.format import MODEL, VARIANT
 from flexgen.model.urdf_source import from_here, plain_urdf
@@ -230,13 +230,13 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
     if not isinstance(key, str):
         raise ArgumentError(f"overrides: given the key {key!r}, expected a dotted path")
     plain = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    where = f"{shown}, changed by --set or overrides"
     try:
         toml_lines.check_depth(plain)
-        _set(root, key, toml_lines.wrap(plain, 0, shown + CHANGED))
+        _set(root, key, toml_lines.wrap(plain, 0, where))
     except toml_lines.TextError as error:
         raise ArgumentError(f"overrides {key}: given {error.given}, expected {error.expected}") from None
     except _NoSuchPath as error:
-        where = shown + CHANGED
         raise ModelError(where, 0, key or '""', "a path that does not exist", str(error)) from None
 
 

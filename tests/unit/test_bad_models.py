@@ -29,9 +29,10 @@ def test_bad_text_is_refused(case, tmp_path):
     with pytest.raises(ModelError) as caught:
         read(path)
     error = caught.value
-    assert str(error) == f"{path}:{error.line}:{error.key}: given {error.given}, expected {error.expected}"
+    place = f"{path}:{error.line}:{error.key}: " if error.line else f"{path}: {error.key}: "
+    assert str(error) == f"{place}given {error.given}, expected {error.expected}"
     assert error.key == key or error.key.endswith("." + key)
-    said = str(error).removeprefix(f"{path}:{error.line}:{error.key}: ")
+    said = str(error).removeprefix(place)
     for word in words:
         assert word in said
     lines = text.split("\n")
