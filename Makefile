@@ -13,8 +13,9 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --no-compile --editable
 # The compiled C of the tests. Each entry is named by the hash of what it depends on, so it never has to be removed.
 TEST_CACHE := build/test-cache
-# Two workers use both cores: more threads in BLAS would make them wait for each other.
-RUN_TESTS = FLEXGEN_TEST_CACHE=$(CURDIR)/$(TEST_CACHE) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+# Both workers import all modules: they are compiled once, before. Two workers use both cores: more threads in BLAS would
+# make them wait for each other.
+RUN_TESTS = $(BIN)/python -m compileall -q -j 0 flexgen tests/support && FLEXGEN_TEST_CACHE=$(CURDIR)/$(TEST_CACHE) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 # Python keeps what it compiles, whatever the environment says: tests and examples start hundreds of processes, and each
 # would compile all that it imports again (2 s instead of 0.5 s).

@@ -4,14 +4,43 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import importlib
 import os
+import sys
 from pathlib import Path
 
 import pytest
-from selection import ROOT, full, slow
+from selection import ROOT, SLOW, full, slow
 
 from flexgen.errors import BuildError
 from flexgen.library.object_cache import cache_folder
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave files that have only slow tests alone where no slow test is asked for."""
+    if "not slow" not in config.getoption("markexpr") or not collection_path.is_relative_to(ROOT / "tests"):
+        return None
+    path = collection_path.relative_to(ROOT / "tests").as_posix()
+    return True if path in SLOW or f"{path}/" in SLOW else None
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the n-th part of the test files in the n-th worker, not each file in each worker, where none is compiled.
+
+    pytest compiles a file when it is imported; an import without builtins stops after that, at the first statement.
+    """
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    count = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if count == 1 or sys.dont_write_bytecode:
+        return
+    for path in sorted((ROOT / "tests").glob("*/test_*.py"))[int(worker.removeprefix("gw")) :: count]:
+        if pytest_ignore_collect(path, session.config) or any((path.parent / "__pycache__").glob(f"{path.stem}.*")):
+            continue
+        spec = next(filter(None, (finder.find_spec(path.stem, [str(path.parent)]) for finder in sys.meta_path)))
+        module = importlib.util.module_from_spec(spec)
+        module.__dict__["__builtins__"] = {}
+        with contextlib.suppress(Exception):  # errors of a file are reported when it is collected
+            spec.loader.exec_module(module)
 
 
 @pytest.hookimpl(tryfirst=True)
