@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shipped_models import shipped
 
 from flexgen.codegen.emit import emit
 from flexgen.codegen.spec import choose_functions, library_spec
@@ -35,7 +36,7 @@ def equations_of(name: str) -> Equations:
     return derive(read(Path(__file__).parents[1] / "support" / "robots" / f"{name}.toml" if name in ROBOTS else name))
 
 
-INVERTING = [*(name for name in model_names() if read(name).inversion_obstacle() is None), "ur5_elastic"]
+INVERTING = [*(name for name in model_names() if shipped(name).inversion_obstacle() is None), "ur5_elastic"]
 
 
 def state(model: RobotModel, seed: int = 1) -> dict[str, np.ndarray]:

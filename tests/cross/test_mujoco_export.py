@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from random_robots import Case, cases
+from shipped_models import all_variants
 
 import flexgen
 from flexgen.cli.main import main
@@ -25,7 +26,6 @@ from flexgen.exports.mujoco import _Writer, mjcf
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.exports.mujoco_inertia import regroup
 from flexgen.model.elements import Body, CubicSpring, PiecewiseSpring, RobotModel, SmoothSpring
-from flexgen.model.reader import model_names
 from flexgen.numerics.evaluate import evaluate
 
 # Relative to the largest acceleration of the arm, and of all: rounding, amplified by the condition of the mass matrix
@@ -43,11 +43,6 @@ REFUSED = {
     "manutec_r3_efjm": "coulomb",
     "urdf_arm": "coulomb",
 }
-
-
-def all_models() -> list[str]:
-    """Every model that comes with flexgen, with each of its variants."""
-    return [f"{n}@{v}" if v else n for n in model_names() for v in ("", *flexgen.read(n).variants)]
 
 
 class Machine:
@@ -105,7 +100,7 @@ def difference(model: RobotModel, machine: Machine, count: int = 4) -> float:
 # --- accelerations ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", all_models())
+@pytest.mark.parametrize("name", all_variants())
 def test_accelerations_or_a_reason(name):
     model = flexgen.read(name)
     if name in REFUSED:

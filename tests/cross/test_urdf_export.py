@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from random_robots import Case, cases
+from shipped_models import all_variants
 from unchecked import unchecked
 
 import flexgen
@@ -35,7 +36,6 @@ from flexgen.model.elements import (
     SmoothSpring,
 )
 from flexgen.model.format_robot import rotation_matrix
-from flexgen.model.reader import model_names
 from flexgen.numerics.evaluate import evaluate
 
 pin = pytest.importorskip("pinocchio", reason="no pin; run: make setup-test")
@@ -45,10 +45,6 @@ SAME = 1e-12
 # Pinocchio computes with other recursions: rounding times the number of bodies.
 RIGID = 1e-12
 REFUSED = {"beam_arm": "beam", "four_mass": "rotational_drag"}
-
-
-def all_models() -> list[str]:
-    return [f"{n}@{v}" if v else n for n in model_names() for v in ("", *flexgen.read(n).variants)]
 
 
 def difference(model: RobotModel, again: RobotModel, count: int = 3, forward: bool = True) -> float:
@@ -113,7 +109,7 @@ def rigid_difference(model: RobotModel, path: Path, count: int = 3) -> float:
 # --- round trip and Pinocchio -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", all_models())
+@pytest.mark.parametrize("name", all_variants())
 def test_round_trip(name, tmp_path):
     model = flexgen.read(name)
     path = tmp_path / "arm.urdf"

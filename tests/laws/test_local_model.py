@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from identification_cases import poses_of
 from scipy.integrate import quad
+from shipped_models import elastic_models
 
 import flexgen
 from flexgen.analysis.linear import linearize
@@ -22,7 +23,7 @@ from flexgen.model.elements import Friction
 ROBOTS = Path(__file__).parents[1] / "support" / "robots"
 W = 2 * np.pi * np.geomspace(1.0, 100.0, 12)
 DRIVE = Drive(5e-4, 2e-4)
-ELASTIC = [name for name in (m["name"] for m in flexgen.models()) if flexgen.read(name).dof > flexgen.read(name).n_m]
+ELASTIC = elastic_models()
 
 
 def worst_slope(local: LocalModel, q_m: np.ndarray, speed_sd: np.ndarray | None) -> float:

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from identification_cases import NOISY, poses_of, without_coulomb
+from shipped_models import elastic_models
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
@@ -26,7 +27,7 @@ from flexgen.mechanics.sensors import sensor_signals
 from flexgen.model.elements import RobotModel
 
 W = 2 * np.pi * np.geomspace(1.0, 100.0, 12)
-ELASTIC = [name for name in (m["name"] for m in flexgen.models()) if flexgen.read(name).dof > flexgen.read(name).n_m]
+ELASTIC = elastic_models()
 
 
 def with_sensors(name: str) -> RobotModel:

@@ -11,6 +11,7 @@ import pytest
 from referee import Referee
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
+from shipped_models import shipped
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
@@ -212,7 +213,7 @@ LARGE = ("manutec_r3_efjm", "manutec_r3_18", "manutec_r3_24", "manutec_r3_30", "
 
 @pytest.mark.parametrize(
     ("name", "move"),
-    [(name, move.name) for name in model_names() for move in read(name).moves if name not in LARGE],
+    [(name, move.name) for name in model_names() for move in shipped(name).moves if name not in LARGE],
 )
 def test_every_shipped_move_is_solved(name: str, move: str) -> None:
     solution = flexgen.solve(name, move)

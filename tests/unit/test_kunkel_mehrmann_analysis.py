@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from planar_family import planar_arm
 from random_robots import Case, cases
+from shipped_models import shipped
 
 import flexgen
 from flexgen.dae import strangeness_index as module
@@ -54,7 +55,7 @@ def along(name: str) -> tuple[KunkelMehrmann, ...]:
 
 
 def variants(names: list[str]) -> list[str]:
-    return [f"{name}@{variant}" if variant else name for name in names for variant in ("", *read(name).variants)]
+    return [f"{name}@{variant}" if variant else name for name in names for variant in ("", *shipped(name).variants)]
 
 
 def is_flat(name: str) -> bool:

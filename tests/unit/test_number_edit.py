@@ -9,10 +9,11 @@ import pytest
 import flexgen
 from flexgen.errors import ModelError
 from flexgen.mechanics.parameters import select, with_values
+from flexgen.model.reader import model_names
 from flexgen.spec.number_edit import with_numbers
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
-NAMES = [m["name"] for m in flexgen.models() if m["name"] != "urdf_arm"]
+NAMES = [name for name in model_names() if name != "urdf_arm"]
 
 TEXT = """\
 # head

@@ -6,21 +6,18 @@ import json
 import math
 
 import pytest
+from shipped_models import all_variants
 
 import flexgen
 from flexgen.cli.main import main
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import model_names, read
+from flexgen.model.reader import read
 from flexgen.plausibility.finding import MARKS
 
 MODELS = ["planar5_nmp", "planar5_mp", "elbow", "kr300", "manutec_r3", "manutec_r3_18", "beam_arm", "urdf_arm"]
 
 
-def names(model: str) -> list[str]:
-    return [model, *(f"{model}@{variant}" for variant in read(model).variants)]
-
-
-@pytest.mark.parametrize("model", [name for model in model_names() for name in names(model)])
+@pytest.mark.parametrize("model", all_variants())
 def test_the_models_that_come_with_flexgen_pass(model):
     found = flexgen.check(model)
     assert not found.errors and len(found.findings) >= 10, found

@@ -346,7 +346,7 @@ def test_direct_drives_need_no_rotor(arm):
     answers, rng = Answers(derive(model)), np.random.default_rng(5)
     for _ in range(3):
         q, v, tau = rng.uniform(-1, 1, (3, 2))
-        a = answers.forward_dynamics(q, v, [], [], tau)[0]
+        a = answers.forward_dynamics(q, v, np.zeros(2), np.zeros(2), tau)[0]
         friction = np.array([0.0, 0.7]) * v
         close(answers.inverse_dynamics(q, v, a), tau - friction, TORQUE, 1.0)
     with pytest.raises(ModelError, match=r"m2\.inertia: given 0\.0, expected a number > 0 behind an elastic gear"):
