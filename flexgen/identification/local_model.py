@@ -34,7 +34,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.force_laws import spring_torque
 from flexgen.mechanics.lagrangian import gears
 from flexgen.model.elements import LinearSpring, RobotModel, Spring
-from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.evaluate import Evaluator, evaluate
 
 NEWTON_STEPS = 50
 
@@ -187,7 +187,7 @@ class LocalModel:
         model, C = self.model, self.motor_rows
         n, m = model.dof, model.n_m
         spread = self._deflections(deflection_sd, len(q_m))
-        out = []
+        out, static = [], Evaluator(self._static)
         for k, angles in enumerate(q_m):
             if start is not None:
                 y = start[k].copy()
@@ -197,7 +197,7 @@ class LocalModel:
                 y[model.n_a :] = angles[list(model.i_m)]
             tau, best, stalled = np.zeros(m), np.inf, 0
             for _ in range(NEWTON_STEPS):
-                r, r_y, r_p, r_tau = (np.array(x) for x in self._static(y, values, tau, spread[k]))
+                r, r_y, r_p, r_tau = static(y, values, tau, spread[k])
                 A = np.block([[r_y, r_tau], [C, np.zeros((m, m))]])
                 right = np.concatenate([r[:, 0], C @ y - angles])
                 scale = np.maximum(np.abs(A).max(axis=1), 1e-12)

@@ -11,6 +11,7 @@ from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import Equilibrium, balance, equilibrium_at
+from flexgen.numerics.evaluate import Evaluator
 
 STEPS = 30  # of Newton's method from one instant to the next
 STEPS_PER_SPAN = 64  # least number of steps in each span of a path, so that Newton's method stays on one branch
@@ -81,7 +82,8 @@ def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) 
         raise SolverError(
             f"path: {out.error.numel()} outputs do not determine the {equations.model.n_g} actuated coordinates"
         )
-    newton = ca.Function("equilibrium", [symbol, out.target], [rows, ca.densify(ca.jacobian(rows, symbol))])
+    jacobian_of = ca.densify(ca.jacobian(rows, symbol))
+    newton = Evaluator(ca.Function("equilibrium", [symbol, out.target], [ca.densify(rows), jacobian_of]))
     q = np.array(reference.q_start, dtype=float)
     given = np.asarray(times, dtype=float)
     spacing = np.diff(np.clip(given, 0.0, reference.duration), prepend=0.0)
@@ -99,7 +101,7 @@ def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) 
                 poses[k] = q
                 continue
         for _ in range(STEPS):
-            residual, jacobian = (np.array(x) for x in newton(q, target))
+            residual, jacobian = newton(q, target)
             size = np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
             try:
                 step = np.linalg.solve(jacobian / size[:, None], -residual[:, 0] / size)

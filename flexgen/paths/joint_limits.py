@@ -12,7 +12,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import output_map
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.reference import PathSample
 
 NEWTON_STEPS = 40
@@ -39,7 +39,7 @@ class InverseKinematics:
                 "coordinates, expected equal numbers: otherwise the output does not determine the joint configuration"
             )
         jacobian = ca.densify(ca.jacobian(map_.error, symbol[list(self.model.i_g)]))
-        return ca.Function("position", [symbol, map_.target], [map_.error, jacobian])
+        return ca.Function("position", [symbol, map_.target], [ca.densify(map_.error), jacobian])
 
     @cached_property
     def _velocity(self) -> ca.Function:
@@ -70,11 +70,12 @@ class InverseKinematics:
         q = np.zeros(self.model.n_a)
         q[i_g] = q_g
         out = np.zeros((len(targets), len(i_g)))
+        position = Evaluator(self._position)
         for k, target in enumerate(targets):
             if k > 1:
                 q[i_g] += out[k - 1] - out[k - 2]  # linear extrapolation
             for _ in range(NEWTON_STEPS):
-                error, jacobian = (np.array(x) for x in self._position(q, target))
+                error, jacobian = position(q, target)
                 sizes = np.linalg.svd(jacobian, compute_uv=False)
                 if not sizes[-1] > SINGULAR * sizes[0]:
                     raise SolverError(f"inverse kinematics: a singular pose {_instant(k, len(targets))}")
