@@ -40,6 +40,15 @@ class Trajectory(Result):
         on each ten samples and may jump between them.
     units : mapping from name to tuple of str, optional
         Unit of each column where the columns of a channel differ; the unit of the port is then ``"rad or m"``.
+
+    Examples
+    --------
+    >>> trajectory = flexgen.solve("elbow").trajectory
+    >>> trajectory["tau_m"].shape, trajectory.labels["tau_m"]
+    ((1005, 2), ('m1', 'm2'))
+    >>> file = trajectory.save("line.csv")
+    >>> flexgen.Trajectory.load(file).at(0.5)["tau_m"].round(2)
+    array([-5.05, -6.43])
     """
 
     time: np.ndarray

@@ -36,6 +36,12 @@ class Analysis(Result):
     from, and whether it holds at the pose; ``kunkel_mehrmann``: strangeness index, a, d, v there; ``solvability``:
     whether and how well the inverse dynamics can be solved there, with warnings. Where a path was given also
     ``zero_path`` and ``solvability_path``, the latter None for complete motor coupling.
+
+    Examples
+    --------
+    >>> found = flexgen.analyze("elbow")
+    >>> [f"{frequency:.1f} Hz" for frequency, damping in found.modes[:2]], found.structural_index
+    (['0.1 Hz', '22.8 Hz'], 4)
     """
 
     model: RobotModel

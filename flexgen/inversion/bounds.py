@@ -34,6 +34,11 @@ class Limits:
         One entry for each motor, motor side.
     deflection : tuple of float [rad or m]
         One entry for each non-actuated coordinate, in chain order.
+
+    Examples
+    --------
+    >>> flexgen.Limits.from_model("elbow", torque=20.0)
+    Limits(torque=(20.0, 20.0))
     """
 
     torque: tuple[float, ...] | None = None
@@ -78,11 +83,6 @@ class Limits:
         ------
         ArgumentError
             The model file states none; a bound is not positive, or their number does not fit the model.
-
-        Examples
-        --------
-        >>> flexgen.Limits.from_model("elbow", torque=20.0)
-        Limits(torque=(20.0, 20.0))
         """
         robot = robot_of(model)
         sizes = {"torque": robot.n_m, "speed": robot.n_m, "deflection": robot.n_e}

@@ -74,6 +74,14 @@ class Solution(Result):
         The verification under the torques of ``torque_command`` with their hold.
     stopped : str
         Why it is the best solution so far: the time limit and the stage in which it ended, or Ctrl-C; else empty.
+
+    Examples
+    --------
+    >>> solution = flexgen.solve("elbow")
+    >>> print(solution.status, solution.warnings)
+    solved ()
+    >>> f"{solution.simulation.torque_max_Nm:.2f} N m, {solution.simulation.speed_max_rad_s:.0f} rad/s"
+    '19.76 N m, 331 rad/s'
     """
 
     model: RobotModel

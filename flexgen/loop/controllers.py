@@ -113,6 +113,12 @@ class Cascade:
     difference of two samples of the measured angle, and the same difference of the reference, so that a filter of the
     speed alone does not show in the error. ``filters``: F, the same for all motors. ``torque_max`` (n_m,) [N m]: above
     it the integral does not grow; None: no limit.
+
+    Examples
+    --------
+    >>> law = flexgen.Cascade(position_gain=[20.0, 20.0], speed_gain=[5.0, 3.0], integral_gain=[2.0, 2.0])  # motor side
+    >>> flexgen.control("elbow", controller=law).status
+    'done'
     """
 
     position_gain: np.ndarray

@@ -42,6 +42,13 @@ class Disturbance:
         From the begin of the path; negative: before it.
     length_s : float or None [s]
     frequency_hz : tuple (2,), optional [Hz]
+
+    Examples
+    --------
+    >>> push = flexgen.Disturbance("step", "tool.z", size=-500.0, start_s=0.5)  # N
+    >>> run = flexgen.control("elbow", disturbances=[push])
+    >>> f"{1e3 * run.distance(run.nominal).max():.1f} mm"
+    '0.6 mm'
     """
 
     kind: str

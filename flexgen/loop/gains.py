@@ -38,6 +38,13 @@ class PPI:
         natural frequency with locked motors.
     filters : tuple of LowPass and Notch
         Of the feedback torque.
+
+    Examples
+    --------
+    >>> law = flexgen.PPI(position_hz=6.0, speed_hz=40.0, integral_hz=1.0, filters=(flexgen.Notch(25.0),))
+    >>> run = flexgen.control("elbow", controller=law, plants={"soft": {"stiffness": 0.8}})
+    >>> f"{1e6 * run.distance(run['soft']).max():.0f} um"
+    '242 um'
     """
 
     position_hz: float | None = None
@@ -93,6 +100,12 @@ class PID:
     ----------
     k_p, k_i, k_d : array (n_m,) [N m/rad, N m/(rad s), N m s/rad]
     filters : tuple of LowPass and Notch
+
+    Examples
+    --------
+    >>> law = flexgen.PID(k_p=[200.0, 100.0], k_i=[0.0, 0.0], k_d=[5.0, 2.0])
+    >>> flexgen.control("elbow", controller=law.cascade()).status
+    'done'
     """
 
     k_p: np.ndarray

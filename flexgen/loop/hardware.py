@@ -28,6 +28,12 @@ class DriveHardware:
         Standard deviation of white noise on the torque of each interval; 0: none.
     torque_max_Nm : tuple of float [N m]
         Limits of the motors; empty: none.
+
+    Examples
+    --------
+    >>> drives = flexgen.DriveHardware(sample_s=1e-3, encoder_noise_rad=1e-5, torque_noise_Nm=0.02)
+    >>> flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10, hardware=drives).hardware.sample_s
+    0.001
     """
 
     sample_s: float = 5e-4

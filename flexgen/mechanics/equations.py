@@ -36,6 +36,13 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
 
     Functions of equations with ``parameters`` (names: see `flexgen.mechanics.parameters`) have these as a last argument
     where they depend on them. ``model`` keeps the numbers, ``with_symbols`` has the symbols in their place.
+
+    Examples
+    --------
+    >>> equations = flexgen.derive("elbow")
+    >>> mass_matrix = equations.function("mass_matrix")  # of CasADi
+    >>> mass_matrix([0.0, 0.0]).shape
+    (2, 2)
     """
 
     def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:

@@ -292,7 +292,14 @@ def coordinates_of(elements: Sequence[Element]) -> tuple[Coordinate, ...]:
 @checked_result
 @dataclass(frozen=True, repr=False)
 class RobotModel:
-    """A robot as described in a model file, in SI units."""
+    """A robot as described in a model file, in SI units.
+
+    Examples
+    --------
+    >>> robot = flexgen.read("elbow")
+    >>> robot.dof, [motor.name for motor in robot.motors], robot.move("line").duration
+    (4, ['m1', 'm2'], 1.0)
+    """
 
     name: str
     description: str

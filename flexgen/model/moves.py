@@ -73,6 +73,14 @@ class MoveL:
     [m]: distance to the end at which the rounded corner begins; 0: the robot stops. ``pause`` [s]: time at rest at the
     end. ``configuration``: signs of shoulder, elbow and wrist that the joints must have at the end (a line cannot
     change them); empty: any.
+
+    Examples
+    --------
+    >>> legs = (flexgen.MoveL((-0.2, 0.0, 0.0), zone=0.05), flexgen.MoveL((0.0, 0.0, -0.2)))  # m
+    >>> start, profile = (0.5, -0.3), (0.5, 2.0, 20.0, 200.0)
+    >>> corner = flexgen.Move("corner", "tool_polyline", start, 0.0, 5, legs=legs, profile=profile)
+    >>> f"{flexgen.plan('elbow', corner).duration:.3f} s"
+    '2.678 s'
     """
 
     displacement: Vector = ()
@@ -128,6 +136,12 @@ class Move:
     bounds: the speed, three: the acceleration, ...); another value means polynomial changes of speed. A rotation of the
     tool by an angle is counted as a path length of ``radius`` [m] times the angle. Or ``duration`` and ``timing``, see
     `flexgen.paths.time_laws.SplineLaw`.
+
+    Examples
+    --------
+    >>> lift = flexgen.Move("lift", "joint", start=(0.0, 0.0), end=(0.5, 0.0), duration=0.8, smoothness=5)  # rad, s
+    >>> print(flexgen.solve("elbow", lift).status)
+    solved
     """
 
     name: str
@@ -166,6 +180,14 @@ class Program(Move):
     ``profile`` [m/s^j] bounds the steps of the tool, ``joint_profile`` [rad/s^j or m/s^j] those of the joints; both and
     ``smoothness`` as in `Move`. A step without ``zone`` ends at rest. A step with ``zone`` continues into the next one
     without a stop; both must be of the same space, joints or tool.
+
+    Examples
+    --------
+    >>> steps = flexgen.MoveJ((0.4, 0.0)), flexgen.MoveJ((0.4, 0.3), pause=0.2)  # rad, s
+    >>> joints = (1.0, 5.0, 50.0, 500.0)  # speed, acceleration and two more derivatives
+    >>> there = flexgen.Program("there", start=(0.0, 0.0), smoothness=5, steps=steps, joint_profile=joints)
+    >>> len(flexgen.plan("elbow", there).segments)
+    2
     """
 
     type: str = "program"

@@ -55,6 +55,17 @@ class CollisionDetector:
         Of the records.
     bandwidth_hz : float [Hz]
         Of the residual: larger is faster and noisier.
+
+    Examples
+    --------
+    >>> detector = flexgen.CollisionDetector(flexgen.read("elbow"), sample_s=5e-4)
+    >>> push = flexgen.Disturbance("step", "tool.z", size=-2000.0, start_s=0.5)  # N
+    >>> free, pushed = flexgen.control("elbow").nominal, flexgen.control("elbow", disturbances=[push]).nominal
+    >>> thresholds = detector.calibrate([(free.measured, free.tau_m)])
+    >>> detector.detect(free.measured, free.tau_m).sample is None
+    True
+    >>> detector.detect(pushed.measured, pushed.tau_m).sample is None
+    False
     """
 
     def __init__(self, model: RobotModel, sample_s: float, bandwidth_hz: float = BANDWIDTH_HZ) -> None:

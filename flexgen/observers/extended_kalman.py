@@ -128,6 +128,13 @@ class ExtendedKalmanFilter:
     ------
     ArgumentError
         An output is not known, a noise is not above zero, or the outputs do not determine the state.
+
+    Examples
+    --------
+    >>> run = flexgen.control("elbow", encoder_noise=1e-5, sample_time=1e-3)
+    >>> found = flexgen.ExtendedKalmanFilter("elbow").run(run.nominal.measured, run.nominal.tau_m)
+    >>> bool(abs(found.q_a[-1] - run.nominal.q_a[-1]).max() < 1e-4)  # rad
+    True
     """
 
     def __init__(

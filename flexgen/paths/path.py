@@ -45,6 +45,13 @@ class Path(Result):
         Arm coordinates at the start, without deflections.
     pose : bool
         True if the output is position and orientation of the tool.
+
+    Examples
+    --------
+    >>> path = flexgen.plan("elbow", "line")
+    >>> output = path.sample([0.0, 0.5, 1.0]).y  # m, and derivatives in time
+    >>> (output[-1, :, 0] - output[0, :, 0]).round(6)
+    array([-0.3, -0.3])
     """
 
     def __init__(self, equations: Equations, move: Move) -> None:

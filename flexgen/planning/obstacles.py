@@ -21,7 +21,13 @@ SAME = 1e-9  # m: corners of the chain that are as close are one point
 @checked_class
 @dataclass(frozen=True)
 class Sphere:
-    """A ball that the arm stays out of: ``center`` (3,) [m], world axes, and ``radius`` [m]."""
+    """A ball that the arm stays out of: ``center`` (3,) [m], world axes, and ``radius`` [m].
+
+    Examples
+    --------
+    >>> problem = flexgen.plan_problem("planar5_nmp", mesh=20)
+    >>> problem.avoid(flexgen.Sphere(center=(0.3, 1.5, 0.0), radius=0.1), margin=0.02)  # m
+    """
 
     center: tuple[float, float, float]
     radius: float
@@ -35,7 +41,13 @@ class Sphere:
 @checked_class
 @dataclass(frozen=True)
 class HalfSpace:
-    """A wall: the arm stays where ``normal . p >= offset``; ``normal`` (3,) is normalized, ``offset`` [m]."""
+    """A wall: the arm stays where ``normal . p >= offset``; ``normal`` (3,) is normalized, ``offset`` [m].
+
+    Examples
+    --------
+    >>> problem = flexgen.plan_problem("planar5_nmp", mesh=20)
+    >>> problem.avoid(flexgen.HalfSpace(normal=(0.0, 1.0, 0.0), offset=-0.1))  # y >= -0.1 m
+    """
 
     normal: tuple[float, float, float]
     offset: float

@@ -76,6 +76,16 @@ class PlanProblem(Phase):
     phases : list of Phase
     path : Path
         Of the move: its ends, and the reference of the output.
+
+    Examples
+    --------
+    >>> problem = flexgen.plan_problem("four_mass", mesh=40)
+    >>> problem.names()[:4]
+    ('q_a', 'v_a', 'a_a', 'q_m')
+    >>> problem.add_cost(problem["tau_m"] ** 2)
+    >>> problem.bound("v_m", -30, 30)  # rad/s, motor side
+    >>> print(problem.solve().status)
+    solved
     """
 
     def __init__(

@@ -74,7 +74,14 @@ def make_finding(key: str, quantity: str, value: float, unit: str, usual: Usual,
 @checked_result
 @dataclass(frozen=True, repr=False)
 class Check(Result):
-    """The result of `check`: ``model``, its name and variant, and ``findings``, all numbers that were checked."""
+    """The result of `check`: ``model``, its name and variant, and ``findings``, all numbers that were checked.
+
+    Examples
+    --------
+    >>> checked = flexgen.check("elbow")
+    >>> checked.errors, checked.warnings
+    ((), ())
+    """
 
     model: str
     findings: tuple[Finding, ...]

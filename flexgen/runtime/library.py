@@ -65,6 +65,16 @@ class Library:
         What they are, in the same order; with ``per_point`` batches take them for each point.
     coordinates, units, motors, states : tuple of str
         Names and units of ``q_a``, names of ``q_m``, meaning of the state of ``linearize``.
+
+    Examples
+    --------
+    >>> library = flexgen.load(flexgen.generate("elbow").directory)
+    >>> library.mass_matrix([0.0, 0.0]).shape
+    (2, 2)
+    >>> path = flexgen.plan("elbow", "line")
+    >>> y, dy, ddy = path.sample([0.005 * k for k in range(201)]).y.transpose(2, 0, 1)[:3]
+    >>> library.invert(y, dy, ddy, period=0.005, q_start=path.q_start).tau_m.shape  # N m
+    (201, 2)
     """
 
     def __init__(

@@ -43,6 +43,14 @@ class PathSampler:
     duration : float [s]
     q_start : ndarray (n_a,)
         Arm coordinates at the start, without deflections: the initial guess of a stream.
+
+    Examples
+    --------
+    >>> library = flexgen.load(flexgen.generate("elbow").directory)
+    >>> sampler = library.path_sampler(flexgen.plan("elbow", "line").table())
+    >>> y, dy, ddy = sampler(0.5)
+    >>> y.round(3)  # m
+    array([1.647, 0.63 ])
     """
 
     def __init__(self, entries: SamplerEntries, table: Any, parameters: Any = None) -> None:

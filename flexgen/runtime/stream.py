@@ -137,6 +137,16 @@ class Stream:
         Intervals of the horizon; samples of the results in each.
     period : float
         Time between two updates [s].
+
+    Examples
+    --------
+    >>> library = flexgen.load(flexgen.generate("elbow").directory)
+    >>> path = flexgen.plan("elbow", "line")
+    >>> y, dy, ddy = path.sample([0.005 * k for k in range(201)]).y.transpose(2, 0, 1)[:3]
+    >>> stream = library.stream(y[0], path.q_start, period=0.005, intervals=20)
+    >>> torques = [stream.update(y[k], dy[k], ddy[k]).tau_m for k in range(1, 201)]  # of 20 samples before
+    >>> torques[-1].shape
+    (1, 2)
     """
 
     def __init__(

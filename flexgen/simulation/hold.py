@@ -71,6 +71,14 @@ class TorqueCommand:
     sample_time, delay : float [s]
     meta : mapping
         Model, variant and move.
+
+    Examples
+    --------
+    >>> command = flexgen.solve("elbow", hold="zoh", sample_time=4e-3, delay=1e-3).torque_command
+    >>> command.values.shape  # ticks, motors
+    (253, 2)
+    >>> print(command.save("torques.csv"))
+    torques.csv
     """
 
     time: np.ndarray

@@ -161,6 +161,12 @@ class Grid:
         closed form in batches where that is possible and ``verify`` is False.
 
     Cases are made on access: ``grid[17]``, ``len(grid)``, ``for case in grid``.
+
+    Examples
+    --------
+    >>> grid = flexgen.Grid(["elbow", "planar5_nmp"], moves=["line", "joints"], methods=["lq"])
+    >>> len(grid), grid[1].move
+    (4, 'joints')
     """
 
     models: Sequence[ModelChoice]
