@@ -123,6 +123,7 @@ golden: $(VENV)/.installed         ## write generated/elbow, the stub and tests/
 	$(BIN)/python tests/golden/test_pictures.py
 	$(BIN)/python tests/golden/test_pages.py
 	$(BIN)/python tests/golden/test_path_texts.py
+	$(BIN)/python tests/golden/test_exports.py
 	$(BIN)/python tests/support/key_page.py
 
 clean:                             ## remove what was built (not .venv)
