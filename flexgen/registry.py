@@ -6,7 +6,7 @@ group         what a name refers to                                used by
 ``results``   a function: pictures, reports, searches              methods of results, such as ``Solution.plot``
 ``methods``   a `flexgen.inversion.method_table.Method`            `flexgen.solve`
 ``laws``      a class of feedback laws, `flexgen.loop.model_law`   `flexgen.control`, controller files
-``frictions`` a class, see `flexgen.model.friction_laws`           the key ``type`` of friction in model files
+``frictions`` a class, see `flexgen.model.friction`           the key ``type`` of friction in model files
 ``exports``   a function, see `flexgen.exports.added`              `flexgen.export`, ``flexgen export``
 ============  ===================================================  ===================================================
 

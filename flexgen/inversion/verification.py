@@ -11,9 +11,8 @@ from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach
-from flexgen.model.output_columns import output_units
+from flexgen.model.output_columns import output_units, turn_angle
 from flexgen.numerics.evaluate import evaluate
-from flexgen.numerics.rotations import turn_angle
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation
 from flexgen.simulation.simulate import AUTO, NONE, simulate

@@ -40,7 +40,7 @@ from flexgen.library.directory import (
 )
 from flexgen.library.packaging import packaging
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction_laws import added_sources
+from flexgen.model.friction import added_sources
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
@@ -361,11 +361,10 @@ def _content_digest(request: _Request) -> str:
     """
     own = request.equations is not None
     choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate, request.per_point]
-    choices += [list(request.parts)]
-    choices += [] if request.solvers is None else [list(request.solvers)]
+    choices += [list(request.parts), *([] if request.solvers is None else [list(request.solvers)])]
     root = Path(__file__).resolve().parent.parent
-    sources = [root / path for path in ("spec/ports.py", "runtime/identity.py", "model/elements.py")]
-    sources += added_sources(request.model)
+    alone = ("spec/ports.py", "runtime/identity.py", "model/elements.py", "model/friction.py")
+    sources = [*(root / path for path in alone), *added_sources(request.model.frictions)]
     for folder in ("analysis", "codegen", "expressions", "library", "mechanics", "numerics", "recursion"):
         sources += sorted(path for path in (root / folder).iterdir() if path.suffix == ".py")
     sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))

@@ -16,9 +16,8 @@ from flexgen.loop.plants import NOMINAL
 from flexgen.loop.reference import MotionReference
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
-from flexgen.model.output_columns import output_labels, output_units
+from flexgen.model.output_columns import output_labels, output_units, turn_angle
 from flexgen.numerics.evaluate import evaluate
-from flexgen.numerics.rotations import turn_angle
 from flexgen.results import Result
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory

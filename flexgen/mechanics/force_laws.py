@@ -72,7 +72,7 @@ def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
     """Friction torque [N m or N] at the velocity ``w`` [rad/s or m/s]; it acts against the motion.
 
     The formula is that of the class of ``friction`` in `FRICTION_TORQUES`, or the method ``torque`` of a law of
-    another package, see `flexgen.model.friction_laws`.
+    another package, see `flexgen.model.friction`.
     """
     if type(friction) in FRICTION_TORQUES:
         return FRICTION_TORQUES[type(friction)](friction, w)

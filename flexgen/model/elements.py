@@ -8,7 +8,7 @@ only); motor coordinates ``q_m`` are on the motor side of the gears.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +16,9 @@ import numpy as np
 
 from flexgen.display import table_html
 from flexgen.errors import ArgumentError
+from flexgen.model.friction import FRICTION_LAWS as FRICTION_LAWS
+from flexgen.model.friction import NO_FRICTION, Friction
+from flexgen.model.friction import friction_key as friction_key
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
 from flexgen.model.sensors import Sensor
@@ -85,40 +88,6 @@ class BacklashSpring:
 
 
 Spring = LinearSpring | CubicSpring | SmoothSpring | PiecewiseSpring | BacklashSpring
-
-
-def friction_key(unit: str, doc: str = "", *, signed: bool = False, needs: str = "") -> Any:
-    """A number of a friction law, which is also a key of the model file, 0 by default.
-
-    ``unit`` is that of a rotation; ``[]`` in the text is replaced by it. A number that is not ``signed`` must be >= 0.
-    ``needs`` names another number that must be > 0 where this one is not 0.
-    """
-    return field(default=0.0, metadata={"unit": unit, "doc": doc, "signed": signed, "needs": needs})
-
-
-@dataclass(frozen=True)
-class Friction:
-    """The default friction law, ``type = "smooth"``: torque against the speed w.
-
-    ``f(w) = viscous w + (coulomb + stribeck / cosh(alpha w)) tanh(beta w) + offset``. The offset makes it asymmetric.
-    The base of all friction laws.
-    """
-
-    viscous: float = friction_key("N m s/rad", "viscous friction")
-    coulomb: float = friction_key("N m", "Coulomb friction [], smoothed by tanh(beta speed)", needs="beta")
-    stribeck: float = friction_key(
-        "N m", "Stribeck friction at low speed []: stribeck / cosh(alpha speed)", needs="beta alpha"
-    )
-    alpha: float = friction_key("s/rad", "decay of the Stribeck friction with the speed")
-    beta: float = friction_key("s/rad", "steepness of the Coulomb friction at zero speed")
-    offset: float = friction_key("N m", "constant torque against positive motion", signed=True)
-
-
-NO_FRICTION = Friction()
-
-# Value of the key ``type`` in the model file -> law. A new law is a subclass of Friction with its own numbers, one
-# entry here, and its torque in `flexgen.mechanics.force_laws`; the first entry is the default.
-FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction}
 
 
 @dataclass(frozen=True)
@@ -354,6 +323,11 @@ class RobotModel:
             ("variants", ", ".join(self.variants) or "none"),
         ]
         return table_html(self.title, rows)
+
+    @property
+    def frictions(self) -> list[Friction]:
+        """Friction of the coordinates, then of the motors."""
+        return [c.dof.friction for c in self.coordinates if c.dof is not None] + [m.friction for m in self.motors]
 
     @property
     def title(self) -> str:

@@ -249,7 +249,7 @@ class _Laws(Mapping[str, Format]):
     """The tables of all friction laws; other packages are asked last, since that takes time."""
 
     def __getitem__(self, kind: str) -> Format:
-        from flexgen.model.friction_laws import friction_law
+        from flexgen.model.friction import friction_law
 
         return _law(FRICTION_LAWS.get(kind) or friction_law(kind))
 

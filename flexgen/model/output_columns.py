@@ -1,4 +1,4 @@
-"""Columns of the output of a robot in trajectories: labels and units."""
+"""Columns of the output of a robot in trajectories: labels, units, the angle between two orientations."""
 
 from __future__ import annotations
 
@@ -26,3 +26,10 @@ def output_units(model: RobotModel) -> tuple[str, ...]:
         return (output.unit,) * output.size
     # rows of different units are joints: each row has the unit of its coordinate
     return tuple(model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights)
+
+
+def turn_angle(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
+    """Angle (n,) [rad] between two orientations (n, 3, 3), accurate for small angles too."""
+    E = R @ R_ref.transpose(0, 2, 1)
+    axial = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1)
+    return np.arctan2(np.linalg.norm(axial, axis=1) / 2, (np.trace(E, axis1=1, axis2=2) - 1) / 2)

@@ -16,7 +16,7 @@ from flexgen.errors import ModelError
 from flexgen.model.elements import Body
 from flexgen.model.format import JOINT, LINK, URDF
 from flexgen.model.format_robot import BODY, DOF
-from flexgen.model.templates.joint_defaults import EVERY, merge
+from flexgen.model.joint_defaults import EVERY, merge
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
 from flexgen.model.urdf_source import find_urdf

@@ -22,7 +22,7 @@ from bad_urdfs import BAD_OVERLAY, BAD_URDF, OVERLAY, URDF
 from model_files import ROOT, everything, mutated, outcome, overlay
 
 import flexgen
-from flexgen.model.templates.new_model import TEMPLATES, new_model
+from flexgen.templates.new_model import TEMPLATES, new_model
 
 GOLDEN = Path(__file__).with_name("model_files.txt")
 MUTATIONS = {"everything": 120, "overlay": 40, "manutec_r3": 10, "planar5_family": 20, "four_mass": 20, "program": 40}

@@ -36,6 +36,7 @@ WINGS = (
     "planning",
     "plausibility",
     "sweeps",
+    "templates",
 )
 
 # A room (module or package below flexgen) imports from its own room and from rooms on lower floors only; rooms on the
@@ -102,11 +103,10 @@ IMPORT_BY_NAME = {"flexgen", "flexgen.registry"}
 FOLDER, FILE, FUNCTION = 4000, 450, 80
 EXAMPLES = re.compile(r'^\n( *)Examples\n\1--------\n(?:\1[^\s"].*\n)+', re.MULTILINE)
 MEASURED = ["flexgen", "benchmarks", "examples"]
-# Rooms with more lines than `FOLDER` in all their folders, and how many: no more than these two in the end.
+# The two rooms with more lines than `FOLDER` in all their folders, and how many; each number may only fall.
 LARGE = {
     "identification": 6500,  # three procedures: frequency responses, motions, recordings of rigid robots
     "exports": 4390,  # six programs of others, each in a folder of its own
-    "model": 4070,
 }
 
 MOST = 8

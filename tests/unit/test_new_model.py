@@ -11,7 +11,7 @@ import pytest
 import flexgen
 from flexgen.cli.main import main
 from flexgen.model.reader import read
-from flexgen.model.templates import new_model
+from flexgen.templates import new_model
 from flexgen.verbs import LISTS
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -12,7 +12,7 @@ from flexgen.errors import ArgumentError
 
 def new(args: Namespace, log: Progress) -> VerbResult:
     """Write a model file with plausible numbers and comments, from a template or for a URDF file."""
-    from flexgen.model.templates.new_model import new_model
+    from flexgen.templates.new_model import new_model
 
     path = args.out or Path(f"{args.name}.toml")
     check_writable(path)

@@ -59,7 +59,7 @@ def new_model(name: str, template: str = "planar", urdf: str | None = None, fold
         return _overlay(name, urdf, Path(folder))
     if template not in TEMPLATES:
         raise ArgumentError(f"template: given {template!r}, expected one of {', '.join(TEMPLATES)}")
-    text = (files("flexgen.model.templates") / f"{template}.toml").read_text(encoding="utf-8")
+    text = (files("flexgen.templates") / f"{template}.toml").read_text(encoding="utf-8")
     return f'name = "{name}"\n' + text.partition("\n")[2]
 
 

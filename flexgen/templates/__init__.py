@@ -1,0 +1,1 @@
+"""New model files: from a template, or as an overlay on a URDF file."""
