@@ -13,10 +13,10 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from flexgen.errors import SolverError
+from flexgen.model.output_columns import turn_angle
 from flexgen.numerics import nlp, trust_region
 from flexgen.numerics.evaluate import Evaluator, _is_dense, evaluate
 from flexgen.numerics.riccati import riccati
-from flexgen.numerics.rotations import turn_angle
 from flexgen.numerics.tableaus import Tableau, gauss, lobatto, radau
 from flexgen.numerics.transcription import Transcription, motion_at
 from flexgen.numerics.trust_region import _step, minimize
