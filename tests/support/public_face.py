@@ -16,6 +16,7 @@ from unittest import mock
 import flexgen
 from flexgen.cli.parser import build_parser
 from flexgen.cli.verbs import completion
+from flexgen.verbs import LISTS
 
 FOLDER = Path(__file__).resolve().parents[1] / "golden" / "face"
 MODELS = ["elbow", "four_mass"]  # that the completion scripts know
@@ -39,7 +40,7 @@ def helps() -> str:
 def scripts() -> str:
     """The completion scripts of all shells."""
     parser = build_parser()
-    return "\n".join(getattr(completion, shell)(parser, MODELS) for shell in completion.SHELLS)
+    return "\n".join(getattr(completion, shell)(parser, MODELS) for shell in LISTS["SHELLS"]())
 
 
 def names() -> str:

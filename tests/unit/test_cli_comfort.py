@@ -19,10 +19,11 @@ import pytest
 from flexgen.cli.main import main
 from flexgen.cli.parser import build_parser, parse
 from flexgen.cli.printing import fit_tables, table
-from flexgen.cli.verbs.completion import SHELLS, verbs
+from flexgen.cli.verbs.completion import verbs
 from flexgen.library import compiler
 from flexgen.model.catalogue import models
 from flexgen.sweeps.summary import group_reasons
+from flexgen.verbs import LISTS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -180,7 +181,7 @@ def test_a_log_that_cannot_be_written_is_refused(run, tmp_path):
 # --- completion -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shell", SHELLS)
+@pytest.mark.parametrize("shell", LISTS["SHELLS"]())
 def test_completion_knows_verbs_options_and_models(run, shell):
     status, script, _ = run("completion", shell)
     assert status == 0 and json.loads(run("completion", shell, "--json")[1])["script"].strip() == script.strip()
@@ -203,7 +204,7 @@ def test_completion_knows_verbs_options_and_models(run, shell):
         (["solve", "x", "--rob"], ["--robustness"]),
         (["solve", "--method", "coll"], ["collocation"]),
         (["solve", "--out", "x"], []),
-        (["completion", ""], list(SHELLS)),
+        (["completion", ""], list(LISTS["SHELLS"]())),
     ],
 )
 def test_bash_completes(run, words, expected):

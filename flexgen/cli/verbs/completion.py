@@ -7,7 +7,6 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
-SHELLS = ("bash", "zsh", "fish")
 FILES = ("FILE", "DIR", "GRID", "TRAJECTORY")  # placeholders of arguments that are paths
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace
+from collections.abc import Callable
 
 import flexgen
 from flexgen.atomic_files import write_text
@@ -13,67 +14,42 @@ from flexgen.cli.result import Progress, VerbResult, keywords, read_model
 from flexgen.errors import ArgumentError
 
 
-def _export(args: Namespace, log: Progress) -> VerbResult:
-    """Call the public function of the verb; what it wrote."""
-    robot, function = read_model(args), args.row.function
-    if function:
-        told = {"progress": log} if "progress" in defaults_of(function) else {}
-        made = getattr(flexgen, function)(robot, args.out, **keywords(args), **told)
-    else:
-        made = flexgen.export(args.kind, robot, args.out)
-    text = made.summary()
-    if made.path.is_dir():
-        text = f"{robot.title}: {made.kind} in {made.path}\n\n{text}"
-    if "variables" in made.details:
-        shown = [v for v in made.details["variables"] if v.causality != "local"]
-        rows = [[v.name, v.causality, v.unit or "-", v.text] for v in shown]
-        text = f"{paragraph(text)}\n\n{table(rows, ('variable', 'causality', 'unit', 'meaning'))}"
-    return VerbResult(made.to_dict() | {"out": str(made)}, text)
+def _export(summary: str) -> Callable[[Namespace, Progress], VerbResult]:
+    """A verb that calls the public function of its row and prints what it wrote; its summary is the docstring."""
+
+    def export(args: Namespace, log: Progress) -> VerbResult:
+        robot, function = read_model(args), args.row.function
+        if function:
+            told = {"progress": log} if "progress" in defaults_of(function) else {}
+            made = getattr(flexgen, function)(robot, args.out, **keywords(args), **told)
+        else:
+            made = flexgen.export(args.kind, robot, args.out)
+        text = made.summary()
+        if made.path.is_dir():
+            text = f"{robot.title}: {made.kind} in {made.path}\n\n{text}"
+        if "variables" in made.details:
+            shown = [v for v in made.details["variables"] if v.causality != "local"]
+            rows = [[v.name, v.causality, v.unit or "-", v.text] for v in shown]
+            text = f"{paragraph(text)}\n\n{table(rows, ('variable', 'causality', 'unit', 'meaning'))}"
+        return VerbResult(made.to_dict() | {"out": str(made)}, text)
+
+    export.__doc__ = summary
+    return export
 
 
-def fmu(args: Namespace, log: Progress) -> VerbResult:
-    """Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs."""
-    return _export(args, log)
-
-
-def mujoco(args: Namespace, log: Progress) -> VerbResult:
-    """Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations."""
-    return _export(args, log)
-
-
-def urdf(args: Namespace, log: Progress) -> VerbResult:
-    """Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF cannot contain."""
-    return _export(args, log)
-
-
-def selftest(args: Namespace, log: Progress) -> VerbResult:
-    """Write a C program that tests the library on its target, with results of Lagrange's equations: PASS or FAIL."""
-    return _export(args, log)
-
-
-def ros2(args: Namespace, log: Progress) -> VerbResult:
-    """Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream and P-PI control."""
-    return _export(args, log)
-
-
-def mex(args: Namespace, log: Progress) -> VerbResult:
-    """Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, and a stream."""
-    return _export(args, log)
-
-
-def simulink(args: Namespace, log: Progress) -> VerbResult:
-    """Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of inverse dynamics."""
-    return _export(args, log)
-
-
-def plcopen(args: Namespace, log: Progress) -> VerbResult:
-    """Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C."""
-    return _export(args, log)
-
-
-def added(args: Namespace, log: Progress) -> VerbResult:
-    """Write the robot by an exporter of another package."""
-    return _export(args, log)
+fmu = _export("Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs.")
+mujoco = _export("Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations.")
+urdf = _export("Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF cannot contain.")
+selftest = _export(
+    "Write a C program that tests the library on its target, with results of Lagrange's equations: PASS or FAIL."
+)
+ros2 = _export("Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream and P-PI control.")
+mex = _export("Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, and a stream.")
+simulink = _export(
+    "Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of inverse dynamics."
+)
+plcopen = _export("Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C.")
+added = _export("Write the robot by an exporter of another package.")
 
 
 def schema(args: Namespace, log: Progress) -> VerbResult:
