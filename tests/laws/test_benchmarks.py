@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
 import flexgen
@@ -84,6 +85,7 @@ def test_version_1_has_its_published_score_and_hash():
     found = flexgen.score("four_mass", version=1, progress=False)
     assert found.total == pytest.approx(PUBLISHED["four_mass", "reference"], abs=1e-12)
     assert found.scenario.digest.startswith("6c9c55b8edde") and found.scenario.frozen and np.isnan(found.spread)
+    check_numbers("score", found=found.to_dict())
     finer = flexgen.score("four_mass@1", steps=2, progress=False)
     assert abs(finer.total - found.total) < 1e-6 and "not the published score: 2 integration steps" in str(finer)
 

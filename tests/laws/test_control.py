@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
 import flexgen
@@ -117,6 +118,10 @@ def test_load_at_the_tool_sags_as_statics_say_with_and_without_payload_in_the_fi
         np.block([[pose.A[n:, :n], pose.B[n:]], [motors, none]]), np.concatenate([load, np.zeros(model.n_m)])
     )
     assert np.allclose(found["loaded"].error[0], pose.W[:, :n] @ moved[:n], rtol=0.005)
+    if not given:
+        check_numbers(
+            "control", found=found.to_dict(), errors=[run.error for run in found.runs], margins=found.margins()
+        )
 
 
 def test_disturbances_push_and_an_integral_part_takes_constant_ones_away(case):
@@ -127,6 +132,7 @@ def test_disturbances_push_and_an_integral_part_takes_constant_ones_away(case):
         controller=flexgen.PPI(5.0, 30.0, 5.0),
     )  # fmt: skip
     assert found.tool_error_max_m < 5e-8  # the model itself has none
+    check_numbers("disturbed", found=found.to_dict(), error=found["same"].error, tau=found["same"].tau_m)
     error = found.distance(found["same"])
     at = np.searchsorted(found.reference.time, 0.12)
     assert error[at] > 1e-4 and error[-1] < 0.1 * error.max()

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identification_cases import NOISY, another, poses_of, small_plan, without_coulomb
+from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
 import flexgen
@@ -85,6 +86,7 @@ def test_the_coherence_falls_with_noise():
         plan = small_plan(model, poses_of(model, 1), hardware=replace(NOISY, encoder_noise_rad=noise), periods=4)
         values.append(coherence(flexgen.measure(plan, model, progress=False)))
     assert np.all(values[0] <= 1) and np.median(values[0]) > 0.99
+    check_numbers("coherence", values=values)
     assert np.median(1 - values[1]) > 2 * np.median(1 - values[0])
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from held_referee import confirmed_error
+from measured_numbers import check_numbers
 from scipy.integrate import quad
 from scipy.interpolate import make_interp_spline
 
@@ -178,6 +179,7 @@ def test_a_solution_has_the_command_and_its_error_in_figures_and_texts() -> None
     assert found["held_error_max_m"].value == run.tool_error_max_m > solution.tool_error_max_m  # type: ignore[operator]
     assert found["held_error_max_m"].label == f"simulated tool error with {command.title()}, largest"
     assert command.title() in str(solution) and command.title() in solution._repr_html_()
+    check_numbers("held", found=solution.to_dict(), held=run.trajectory["q_a"], tau=run.trajectory["tau_m"])
     assert [solution.to_dict()[key] for key in ("hold", "sample_time_s", "delay_s")] == ["zoh", 2e-3, 1e-3]
     assert (run.trajectory["tau_m"] == command.at(solution.trajectory.time)).all()
     default = flexgen.solve("planar5_nmp")

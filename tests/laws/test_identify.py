@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from identification_cases import NOISY, another, exact_responses, poses_of, small_plan, without_coulomb
+from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
 import flexgen
@@ -175,6 +176,7 @@ def test_an_experiment_gives_springs_within_their_standard_deviations(tmp_path):
     data = flexgen.frf(flexgen.measure(plan, truth, seed=5, progress=False))
     found = flexgen.identify(model, data, progress=False, source="test")
     assert found.status == FitStatus.FITTED and found.weights == "structured" and found.agreed == 3
+    check_numbers("identify", 1e-5, plan=plan, data=data, found=found, figures=found.to_dict())
     away = errors(found, truth_of(truth))
     assert max(abs(away[name]) / found.sd[name] for name in away) < 4
     assert max(abs(away[name]) for name in away if "stiffness" in name) < 5e-3
@@ -370,6 +372,7 @@ def test_an_experiment_that_does_not_belong_to_the_fit_is_refused():
     # The simulation of the experiment: without noise, or with that of a seed.
     simulated = Simulated(ParameterVector(model, ["delay"]), experiment, [(0, 0, 0)])
     quiet, one, other = (simulated.spectra(simulated.vector.start, noise=seed) for seed in (None, 1, 2))
+    check_numbers("spectra", quiet=quiet, one=one, measured=simulated.measured)
     noise = np.abs(one - other)
     assert noise.min() > 0.0 and np.abs(quiet - simulated.measured).max() < 8 * noise.max() < np.abs(quiet).max()
 

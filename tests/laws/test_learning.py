@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from scipy.spatial.transform import Rotation
 from toolchain import needs_compiler
 
@@ -30,6 +31,7 @@ def test_a_soft_robot_is_learned_in_two_iterations(solution, tmp_path):
     )
     assert found.errors_m[0] > 1.5e-3 and found.errors_m[2] <= 2e-5
     assert found.best == int(np.argmin(found.errors_m))
+    check_numbers("learn", 1e-5, found=found.to_dict(), corrections=found.corrections, time=found.time)
     assert found.trajectory["q_a"].shape[1] == 3
     before, after = plot_learned(found).get_axes()[1].get_lines()[:2]
     assert max(before.get_ydata()) == pytest.approx(1e3 * found.errors_m[0])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from scipy.optimize import linprog
 from toolchain import needs_compiler
 
@@ -36,6 +37,7 @@ def test_the_planar_arm_is_as_fast_as_its_torques_allow(planar):
     assert np.all(torque <= given * (1 + 5e-4))
     assert planar.solution.status.value == "solved" and planar.solution.tool_error_max_m < 1e-7
     assert planar.rigid_s < planar.duration_s
+    check_numbers("fastest", 1e-5, found=planar.to_dict())
     assert planar.vibration_m["soft"] > 10 * planar.default_vibration_m["soft"]  # the price
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from law_cases import arm, case_of, coupled, one_joint, solution_of
+from measured_numbers import check_numbers
 from scipy.linalg import expm
 from toolchain import needs_compiler
 
@@ -179,6 +180,7 @@ def test_feedback_linearisation_in_python_and_c_gives_the_same_bits():
     made, name = case_controller(case, FL(14.0))
     runs = [run_case(case, x, name).nominal for x in (made, PythonController(made))]
     assert np.array_equal(runs[0].tau_m, runs[1].tau_m) and np.array_equal(runs[0].q_a, runs[1].q_a)
+    check_numbers("linearized", tau=runs[0].tau_m, table=made.table, gains=made.gains)
     other = replace(made, gains=np.nextafter(made.gains, np.inf))  # the comparison is one of bits
     assert not np.array_equal(runs[0].tau_m, run_case(case, other, name).nominal.tau_m)
 

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from observer_twins import KalmanTwin
 from scipy import stats
 from scipy.linalg import expm
@@ -329,6 +330,7 @@ def test_observers_agree_along_a_motion(solution):
     constant = flexgen.ConstantGainObserver(solution).run(soft.measured, u)[:, :n_a]
     extended = ekf.run(soft.measured, u).q_a
     assert np.abs(constant - extended)[1000:].max() < 5e-5
+    check_numbers("observers", constant=constant, extended=extended)
     assert np.abs(extended - soft.q_a)[1000:].max() > 2e-4  # the deflection of soft springs is not seen
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
 import flexgen
@@ -76,6 +77,7 @@ def test_filters_of_the_drives_are_read_and_kept(recorded, tmp_path):
     found.save(tmp_path / "data.npz")
     for one in (found, Experiment.load(tmp_path / "data.npz")):
         assert one.plan.controller.filters == (LowPass(200.0, 0.7), Notch(80.0, 0.2, 0.7))
+        check_numbers("recorded", experiment=one, plan=one.plan)
 
 
 def test_lines_of_distortion_are_not_excited_lines(recorded):
@@ -127,6 +129,7 @@ def test_what_refine_needs_of_recordings_is_named(recorded):
     unknown = path.with_name("unknown.toml")
     unknown.write_text(re.sub(r"\n\[drive\](?:\n[a-z_A-Z]+ = .*)+", "\n", text))
     found = flexgen.identify(model, flexgen.frf(read_experiment(unknown)), free=["damping"], starts=1, progress=False)
+    check_numbers("damping", 1e-5, found=found, figures=found.to_dict())
     with pytest.raises(ArgumentError, match=r"expected tables \[drive\] and \[\[reference\]\]"):
         flexgen.refine(found, read_experiment(unknown), progress=False)
     lost = replace(read_experiment(path), references=None)

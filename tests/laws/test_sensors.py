@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from identification_cases import NOISY, poses_of, without_coulomb
+from measured_numbers import check_numbers
 from shipped_models import elastic_models
 
 import flexgen
@@ -216,6 +217,7 @@ def test_recordings_with_sensors_are_those_of_the_experiment(tmp_path: Path) -> 
     first = flexgen.frf(flexgen.measure(plan, robot, raw=writer))
     second = flexgen.frf(read_experiment(writer.finish()))
     assert second.sensors == first.sensors and second.orders == first.orders == (0, 0, 1)
+    check_numbers("sensors", plan=plan, first=first)
     assert np.abs(first.G - second.G).max() < 1e-9 * np.abs(first.G).max()
 
 

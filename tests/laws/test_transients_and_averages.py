@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from identification_cases import NOISY, poses_of, without_coulomb
+from measured_numbers import check_numbers
 
 import flexgen
 from flexgen.errors import ArgumentError
@@ -39,6 +40,7 @@ def test_transients_are_removed() -> None:
     experiment, truth = unsettled(DriveHardware(5e-4))
     removed = np.abs(flexgen.frf(experiment, transients=True).G - truth)
     with_transients = flexgen.frf(experiment)
+    check_numbers("transients", removed=flexgen.frf(experiment, transients=True), kept=with_transients)
     assert any("period 1 differs from the others" in line for line in with_transients.warnings)
     left = np.abs(with_transients.G - truth)
     assert np.median(left / np.abs(truth)) > 1e-3, "there must be a transient to remove"

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from double_integrator import INERTIA, double_integrator
+from measured_numbers import check_numbers
 from scipy.integrate import solve_ivp
 
 import flexgen
@@ -151,6 +152,8 @@ def test_derivatives_are_those_of_casadi(planar):
     ]
     rng = np.random.default_rng(1)
     point = [x * (1 + 0.1 * rng.normal(size=len(x))), rng.normal(size=made.g.numel()), 2.0]
+    of_program = ca.Function("f", [made.x], [made.cost, made.g, made.jacobian])(point[0])
+    check_numbers("program", start=x, at=[np.array(v) for v in of_program], scale=made.scale)
     for ours, theirs in pairs:
         a, b = (np.array(v) for v in ca.Function("f", [made.x, lam, sigma], [ours, theirs])(*point))
         assert np.abs(a - b).max() <= 1e-12 * np.abs(b).max()
@@ -227,6 +230,7 @@ def test_bounds_hold_at_all_instants(planar):
     torque, speed = 0.8 * np.abs(free["tau_m"]).max(axis=0), 0.9 * np.abs(free["v_m"]).max(axis=0)
     found = least_torque(planar, 60, tau_m=torque, v_m=speed).solve()
     assert found.status == Status.SOLVED
+    check_numbers("bounds", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
     grid = np.linspace(0.0, 0.5, 4001)
     assert (np.abs(found.torque_command.at(grid)) <= torque * (1 + 1e-6)).all()
     assert (np.abs(found.simulation.trajectory["v_m"]) <= speed * (1 + 1e-5)).all()  # (a mesh of 8 ms)
@@ -257,6 +261,7 @@ def test_a_wall_keeps_the_arm_on_its_side(planar):
     found = problem.solve(accuracy=1e-3)
     ends = [float(np.array(planar.function("chain_points")(q))[0, -1]) for q in found.trajectory["q_a"]]
     assert found.status == Status.SOLVED and max(ends) <= 1.6 + 1e-6
+    check_numbers("wall", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
 
 
 @pytest.mark.slow
@@ -285,6 +290,7 @@ def test_a_periodic_motion_ends_as_it_begins(planar):
     found = problem.solve(accuracy=1e-4)
     q, v = found.simulation.trajectory["q_a"], found.simulation.trajectory["v_a"]
     assert found.status == Status.SOLVED
+    check_numbers("periodic", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
     assert np.abs(v[0]).max() > 1e-2  # it does not start at rest
     assert np.abs(q[-1] - q[0]).max() < 1e-4 and np.abs(v[-1] - v[0]).max() < 1e-2
     assert q[200, 0] - q[0, 0] == pytest.approx(0.3, abs=1e-4)
@@ -409,6 +415,7 @@ def test_the_distance_from_the_path_is_checked_between_the_points(planar):
         found = problem.solve(verify=False)
         tool = np.array([np.array(planar.function("output")(q))[:, 0] for q in found.trajectory["q_a"]])
         assert found.verdict == "Solve_Succeeded"
+        check_numbers(f"follow_{mesh}", 1e-5, found=found.to_dict(), motion=dict(found.trajectory.channels))
         assert (np.abs(tool - found.trajectory["y_ref"]).max() <= 1e-4) == exact
         assert (found.warnings == ()) == exact and ("'distance from the path'" in str(found.warnings)) != exact
 
