@@ -87,7 +87,7 @@ def cascade() -> Cascade:
 
 
 def test_a_cascade_as_matrices_has_the_torques_of_its_steps() -> None:
-    """Random angles and references through both; the matrices see only their difference, and a sensor that is not used."""
+    """Random angles and references through both; the matrices see only their difference. A sensor is not used."""
     law, h = cascade(), 2e-3
     law.begin(h).reset()
     linear = as_linear(law, h, 3)
