@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
-from matplotlib.ticker import AutoLocator
+from matplotlib.ticker import AutoLocator, FixedLocator
 
 
 def number(value: float) -> str:
@@ -71,9 +71,11 @@ def of_axes(ax: Axes) -> Iterator[str]:
         low, high = axis.get_view_interval()
         labels = axis.get_tick_params()
         grid, size = labels.get("grid_on", labels.get("gridOn")), labels.get("labelsize")
-        for one in axis.get_majorticklabels()[:1]:
-            size = f"{one.get_fontsize():g} rotated {one.get_rotation():g}"
         own = not isinstance(axis.get_major_locator(), AutoLocator)  # whose ticks depend on sizes of texts
+        if isinstance(axis.get_major_locator(), FixedLocator):  # that of texts at their places
+            size = " ".join(
+                f"{text.get_fontsize():g} {text.get_rotation():g}" for text in axis.get_majorticklabels()[:1]
+            )
         ticks = [t for t in axis.get_majorticklocs() if own and min(low, high) <= t <= max(low, high)]
         texts = axis.get_major_formatter().format_ticks(ticks)
         shown = axis.get_tick_params().get("labelleft" if name == "y" else "labelbottom", True)

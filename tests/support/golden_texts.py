@@ -1,0 +1,31 @@
+"""Files of texts by name, ``== NAME`` before each: what they kept, what differs today, and how they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+MARK = "== "
+
+
+def kept(golden: Path) -> dict[str, list[str]]:
+    """The lines of each text in a file."""
+    parts = ("\n" + golden.read_text(encoding="utf-8")).split(f"\n{MARK}")[1:]
+    return {name: text.splitlines() for name, _, text in (part.partition("\n") for part in parts)}
+
+
+def changes(golden: Path, names: Iterable[str], lines: Callable[[str], list[str]]) -> list[str]:
+    """The first lines of each of these texts that are not as in the file."""
+    before, out = kept(golden), []
+    for name in names:
+        found, expected = lines(name), before.get(name, [])
+        pairs = [(a, b) for a, b in zip(expected, found, strict=False) if a != b]
+        out += [f"{name}: was {a}\nnow {b}" for a, b in pairs[:3]]
+        if len(found) != len(expected):
+            out.append(f"{name}: {len(found)} lines, {len(expected)} in the file")
+    return ["run: make golden", *out] if out else []
+
+
+def write(golden: Path, names: Iterable[str], lines: Callable[[str], list[str]]) -> None:
+    """Write a file anew."""
+    golden.write_text("".join("\n".join([MARK + name, *lines(name), ""]) for name in names), encoding="utf-8")
