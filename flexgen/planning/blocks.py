@@ -150,9 +150,9 @@ def program(
     for block, one in zip(blocks, local, strict=True):
         block.scale = _row_scale(block, one, scale_x, guess)
     at = [ca.reshape(true[b.where.ravel().tolist()], b.where.shape[1], b.count) for b in blocks]
-    given = [ca.DM(b.values) for b in blocks]
+    parts = list(zip(blocks, local, at, [ca.DM(b.values) for b in blocks], strict=True))
     rows, costs, gradients, entries = [], [ca.MX(0)], [], []
-    for block, one, z, p in zip(blocks, local, at, given, strict=True):
+    for block, one, z, p in parts:
         found = one("values", z, p)
         rows.append(ca.vec(found[0]) * ca.DM(np.tile(block.scale, block.count)))
         costs.append(ca.sum2(found[1]))
@@ -178,7 +178,7 @@ def program(
     scale_f = 1 / steepest if SMALL < steepest < np.inf else 1.0
 
     def hessian(lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:
-        return _hessian(x, blocks, local, at, given, scale_x, scale_f * lam_f, lam_g, (extra_cost, extra_g))
+        return _hessian(x, parts, scale_x, scale_f * lam_f, lam_g, (extra_cost, extra_g))
 
     return Program(
         x=x, cost=scale_f * cost, gradient=scale_f * gradient, cost_scale=scale_f, g=g, jacobian=jacobian,
@@ -237,12 +237,12 @@ def _jacobian(blocks: list[Block], local: list[_Local], entries: list[ca.MX], fi
 
 
 def _hessian(
-    x: ca.MX, blocks: list[Block], local: list[_Local], at: list[ca.MX], given: list[ca.DM], scale_x: np.ndarray,
-    lam_f: ca.MX, lam_g: ca.MX, extra: tuple[ca.MX, ca.MX],
+    x: ca.MX, parts: list[tuple[Block, _Local, ca.MX, ca.DM]], scale_x: np.ndarray, lam_f: ca.MX, lam_g: ca.MX,
+    extra: tuple[ca.MX, ca.MX],
 ) -> ca.MX:  # fmt: skip
     size, first = x.numel(), 0
     entries, rows, cols, factors = [], [], [], []
-    for block, one, z, p in zip(blocks, local, at, given, strict=True):
+    for block, one, z, p in parts:
         m, count = block.rows.numel(), block.count
         lam = ca.reshape(lam_g[first : first + m * count] * ca.DM(np.tile(block.scale, count)), m, count)
         first += m * count

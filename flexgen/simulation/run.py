@@ -18,6 +18,7 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 
 Input = Callable[[float, float], PPoly]
 
+ATOL = 1e-12  # rad or m, and their rates
 ATOL_WORK = 1e-9  # J: work and loss are observers, they must not drive the step size below what the motion needs
 ATOL_INTEGRAL = 1e-9  # rad, motor side: of the integral part of the feedback
 
@@ -44,7 +45,6 @@ def run(
     start: np.ndarray,
     corners: Sequence[int],
     rtol: float,
-    atol: float,
     feedback: MotorFeedback | None,
     progress: Callable[[str], None] | None,
 ) -> Run:
@@ -62,8 +62,8 @@ def run(
         State (q_a, q_me, v_a, v_me).
     corners : sequence of int
         Instants at which the torque jumps or has a corner: integration starts again there.
-    rtol, atol : float
-        Tolerances of the integrator.
+    rtol : float
+        Relative tolerance of the integrator; the absolute one is `ATOL`.
     feedback : MotorFeedback or None
     progress : callable, optional
     """
@@ -71,7 +71,7 @@ def run(
     n = robot.dof
     integrals = 0 if feedback is None else robot.n_m
     function, in_c = _rates(equations, progress)
-    parts = [np.full(2 * n, atol), np.full(2, ATOL_WORK), np.full(integrals, ATOL_INTEGRAL)]
+    parts = [np.full(2 * n, ATOL), np.full(2, ATOL_WORK), np.full(integrals, ATOL_INTEGRAL)]
     tolerances = np.concatenate(parts)
     states = np.empty((len(t), len(tolerances)))
     states[0] = np.concatenate([start, np.zeros(2 + integrals)])

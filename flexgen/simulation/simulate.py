@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 HELD_KEY = "held_s"  # of the meta data: how long the verification of a solution holds its last torque
 RTOL_OPEN = 1e-9  # for a robot that is far off anyway
 HELD_MAX, HELD_STEP = 60.0, 2e-3  # s: of a torque that is held after the end, and the step at which errors are taken
-RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometer over a meter of reach and a thousand steps
+RTOL = 1e-11  # a tenth of a nanometer over a meter of reach and a thousand steps
 UNSTABLE = 1e3  # growth of perturbations from which on the torques are verified with motor feedback
 AUTO, NONE, PPI = "auto", "none", "ppi"
 FEEDBACKS = (AUTO, NONE, PPI)
@@ -222,7 +222,7 @@ def _simulate_once(
     corner = [count - 1] if task.held > 0.0 else []
     instants, own, corners = _with_edges(task.t, corner, command)
     source = _input(task, feedback)
-    found = run(equations, instants, source, task.begin, corners, rtol, ATOL, feedback, progress)
+    found = run(equations, instants, source, task.begin, corners, rtol, feedback, progress)
     states = found.states[own]
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = (part[:, list(robot.i_g)] @ robot.eta.T for part in (q_a, v_a))

@@ -130,7 +130,6 @@ PARAMETERS = {
     "observers/extended_kalman.py __init__": 9,
     "performance/learn.py _iterate": 9,
     "performance/learn.py learn": 14,
-    "planning/blocks.py _hessian": 9,
     "planning/problem.py solve": 9,
     "planning/result.py make_solution": 9,
     "runtime/calls.py __init__": 11,
@@ -139,7 +138,6 @@ PARAMETERS = {
     "runtime/path_inversion.py __call__": 14,  # the members of the options in C
     "runtime/path_inversion.py __init__": 9,
     "runtime/stream.py __init__": 13,
-    "simulation/run.py run": 9,
     "simulation/simulate.py simulate": 9,
 }
 
