@@ -76,7 +76,7 @@ def robot_moves(start: tuple[float, ...]) -> dict[str, Move]:
 
 @cache
 def library(name: str) -> Library:
-    return paths_library(flexgen.derive(name), "path_sampler", "stream")
+    return paths_library(flexgen.derive(name), "path_sampler")
 
 
 def case(name: str, move: str) -> Path:

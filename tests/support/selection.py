@@ -148,6 +148,7 @@ FULL_CASES = {
     "laws/test_minimum_time.py": {"manutec_r3_24"},
     "laws/test_observers.py": {"outputs5"},
     "laws/test_claimed_errors.py": {"manutec_r3_24"},
+    "laws/test_sensors.py": {"manutec_r3_30"},
     "unit/test_codegen.py": {"manutec_r3_18", "manutec_r3_24", "planar5_mp", "planar5_soft"},
     "unit/test_time_limit.py": {"kunkel-mehrmann"},
 }
