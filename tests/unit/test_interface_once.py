@@ -49,10 +49,11 @@ def _assigned(node: ast.AST) -> Iterable[tuple[ast.expr, ast.expr | None]]:
 
 def _compared(node: ast.AST) -> Iterable[str]:
     """The numbers that a status is compared with."""
-    if isinstance(node, ast.Compare) and "status" in ast.unparse(node.left):
+    if isinstance(node, ast.Compare):
         for other in node.comparators:
             for entry in other.elts if isinstance(other, ast.Tuple | ast.Set | ast.List) else [other]:
-                if _value(entry) in CODES:
+                value = _value(entry)
+                if isinstance(value, int) and value in CODES and "status" in ast.unparse(node.left):
                     yield f"status {ast.unparse(entry)}"
 
 
