@@ -1,0 +1,93 @@
+"""Small identifications of a robot that is known: its springs are found; other numbers are those measured before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from identification_cases import NOISY, another, poses_of, small_plan, without_coulomb
+from measured_numbers import check_numbers
+from numpy.testing import assert_allclose
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.identification.experiments.excitation import motor_speeds, odd_lines, speed_amplitudes
+from flexgen.identification.motion_fit import fit_motion
+from flexgen.identification.recordings.recording_writer import RecordingWriter
+from flexgen.loop.hardware import DriveHardware
+
+
+def springs(model: object) -> dict[str, float]:
+    coordinates = [model.coordinates[i] for i in model.i_g]
+    return {f"{c.name}.stiffness": c.dof.gear.spring.stiffness for c in coordinates}
+
+
+def test_a_short_experiment_is_refined_in_the_time_domain() -> None:
+    model = without_coulomb("planar5_nmp")
+    truth = another(model, 3)
+    plan = small_plan(model, poses_of(model, 1), hardware=NOISY, period_s=0.25, f_max=60.0, lines=5)
+    experiment = flexgen.measure(plan, truth, seed=1, progress=False)
+    free = ["q1.stiffness", "q2.damping"]
+    data = flexgen.frf(experiment)
+    first = flexgen.identify(truth, data, free=free, starts=1, progress=False)
+    found = flexgen.refine(first, experiment, runs=1, free=free, progress=False)
+    known = springs(truth)["q1.stiffness"]
+    assert springs(found.model)["q1.stiffness"] == pytest.approx(known, rel=0.02)
+    assert springs(first.model)["q1.stiffness"] == pytest.approx(known, rel=0.1)
+    figures = first.to_dict(), found.to_dict()
+    check_numbers("refine", 1e-5, data=data, first=first, found=found, figures=figures)
+
+
+def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
+    model = flexgen.read("planar5_nmp")
+    truth = another(model, seed=5)
+    plan = flexgen.excite(
+        model, poses=poses_of(model, 1), speed_rms=0.1, f_max=80.0, hardware=DriveHardware(1e-3), period_s=0.05,
+        periods=2, lines=4,
+    )  # fmt: skip
+    writer = RecordingWriter(tmp_path, plan, model)
+    flexgen.measure(plan, truth, raw=writer)
+    path = writer.finish()
+    rows = [x for x in path.read_text().splitlines() if not x.startswith(("period_s", "line_numbers"))]
+    path.write_text("\n".join(rows))
+    values = {f"{c.name}.{kind}": x for c in (truth.coordinates[i] for i in truth.i_g)
+              for kind, x in (("stiffness", c.dof.gear.spring.stiffness), ("damping", c.dof.gear.damping))}  # fmt: skip
+    start = {"q1.stiffness": 1.2 * values["q1.stiffness"]}
+    found = fit_motion(truth, path, free=["q1.stiffness"], segment_s=0.02, start=start)
+    assert springs(found.model)["q1.stiffness"] == pytest.approx(values["q1.stiffness"], rel=1e-3)
+    check_numbers("motion_fit", 1e-5, found=found, figures=found.to_dict())
+    for given, text in (
+        ({"segment_s": 1e-3}, "expected at least 4 samples"),
+        ({"free": []}, "free: given no parameter"),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            fit_motion(truth, path, **{"free": ["q1.stiffness"], **given})
+
+
+def test_odd_lines_are_spaced_evenly_in_the_logarithm() -> None:
+    assert odd_lines(0.5, 10.0, 12, 2.0).tolist() == list(range(1, 20, 2))
+    assert odd_lines(0.6, 9.4, 12, 2.0).tolist() == list(range(3, 18, 2))
+    assert odd_lines(1.0, 500.0, 3, 1.0).tolist() == [1, 23, 499]
+    some = odd_lines(0.5, 10.0, 6, 2.0)
+    assert len(some) <= 6 and some[0] == 1 and some[-1] == 19 and np.all(some % 2 == 1)
+    for given, text in (
+        ((0.0, 1.0, 3, 1.0), r"f_min, f_max: given 0\.0, 1\.0, expected 0 < f_min < f_max in Hz"),
+        ((2.0, 2.0, 3, 1.0), "f_min, f_max: given"),
+        ((2.1, 2.9, 3, 1.0), r"period_s: given 1\.0 s, which has no odd multiple of 1 Hz between 2\.1 and 2\.9 Hz"),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            odd_lines(*given)
+
+
+def test_speeds_of_motors_add_up_over_the_joints_that_they_drive() -> None:
+    model = flexgen.read("planar5_nmp")
+    expected = np.sqrt((np.array(model.eta) ** 2) @ [0.04, 0.09])
+    assert_allclose(motor_speeds(model, np.array([0.2, 0.3])), expected)
+    assert_allclose(motor_speeds(model, 0.2), np.sqrt((np.array(model.eta) ** 2) @ [0.04, 0.04]))
+    for bad in (0.0, np.inf, np.array([0.1, -0.1])):
+        with pytest.raises(ArgumentError, match=r"speed_rms: given .*, expected a speed > 0 in rad/s or m/s"):
+            motor_speeds(model, bad)
+    amplitudes = speed_amplitudes(np.array([1.0, 4.0]), np.array([3.0, 5.0]), 0.5)
+    assert_allclose(amplitudes[1], 2 * amplitudes[0])
+    assert_allclose(amplitudes[:, 1], 5 / 3 * amplitudes[:, 0])
