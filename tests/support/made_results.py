@@ -42,7 +42,7 @@ def made_trajectory(equations: Equations, early: float = 0.02, end: float = 0.8,
 
 
 def made_simulation(trajectory: Trajectory, width: int, turn: bool) -> Any:
-    """A simulation whose tool is beside the planned one."""
+    """A simulation whose tool is next to the planned one."""
     t = trajectory.time
     error = 1e-6 * (1 + np.arange(width)) * np.abs(np.sin(20 * t))[:, None]
     channels = dict(trajectory.channels) | {"error": error} | ({"turn": 3e-3 * np.cos(t)[:, None]} if turn else {})
