@@ -178,14 +178,7 @@ def _details(solution: Solution) -> str:
 def choose_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:
     """The move or program with this name in a file of moves, or else in the model; None: the first."""
     if file is None:
-        from flexgen.paths.path import find_move
-
-        return find_move(robot, name)
-    return _move_of_file(file, name, robot)
-
-
-def _move_of_file(file: Path, name: str | None, robot: RobotModel) -> Any:
-    """The move or program with this name in a file of moves; None: the first."""
+        return robot.move(name)
     from flexgen.model.task_files import read_moves
 
     found = read_moves(file, robot)
@@ -206,20 +199,12 @@ def problem_of(solution: Solution, accuracy: float) -> tuple[str, int]:
 
     lines = limit_warnings(solution.model, solution.trajectory)
     more = f", and {len(lines) - 1} more (see the warnings)" if len(lines) > 1 else ""
-    return f"{solution.status}: {lines[0]}{more}; {_limit_advice(solution)}", EXCEEDED
-
-
-def _limit_advice(solution: Solution) -> str:
-    """What to do about a solution beyond limits of the model file: more time helps against all but ranges."""
-    from flexgen.inversion.solution import limit_warnings
-
-    slower = [
-        "exceeds its limit" in line for line in limit_warnings(solution.model, solution.trajectory)
-    ]  # not a range
+    slower = ["exceeds its limit" in line for line in lines]  # not a range: more time helps
     advice = [] if all(slower) else ["choose another target or path: more time does not help beyond a range"]
     if any(slower):
         advice.append("give the move more time, or keep torques and speeds with --limits")
-    return f"{'; '.join(advice)}; for studies use --ignore-limits"
+    advice.append("for studies use --ignore-limits")
+    return f"{solution.status}: {lines[0]}{more}; {'; '.join(advice)}", EXCEEDED
 
 
 def inaccuracy(solution: Solution, accuracy: float) -> str:
