@@ -48,7 +48,7 @@ def states(name: str, n: int) -> dict[str, np.ndarray]:
     return x
 
 
-@pytest.mark.parametrize(("name", "function"), NAMES, ids="-".join)
+@pytest.mark.parametrize(("name", "function"), NAMES, ids=str)
 @pytest.mark.parametrize(("n", "stride"), [(17, 17), (17, 23), (64, 72), (256, 256), (256, 264), (300, 512)])
 def test_parts_of_arrays_give_the_bits_of_compact_ones(name, function, n, stride):
     x = states(name, n)

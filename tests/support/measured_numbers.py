@@ -22,7 +22,7 @@ import numpy as np
 from flexgen.model.elements import RobotModel
 
 FOLDER = Path(__file__).parents[1] / "golden" / "numbers"
-ENDLESS = 1e300  # stands for infinity in a file
+ENDLESS = 1e300  # infinity in a file
 # times, and counts that rounding on another computer may change
 OTHER = ("wall", "cpu", "seconds", "iterations", "programs", "inversions", "date", "version", "simulated_in", "digest")
 
