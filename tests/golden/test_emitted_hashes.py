@@ -1,4 +1,5 @@
-"""Every emitted file of six models, and each manifest, have the bytes that ``tests/golden/emitted.txt`` records.
+"""Every emitted file of six models, and each manifest, are those that ``tests/golden/emitted.txt`` records,
+to nine digits of their numbers.
 Of `flexgen.recursion.arm`, `flexgen.recursion.articulated_body`, `flexgen.recursion.column_functions`,
 `flexgen.recursion.columns`, `flexgen.recursion.composite_body`, `flexgen.recursion.derivatives`,
 `flexgen.recursion.dh_chain`, `flexgen.recursion.functions`, `flexgen.recursion.inversion_functions`,

@@ -31,13 +31,12 @@ import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from emitted_hashes import GOLDEN_CASADI
-from golden_texts import changes, kept, write
+from golden_texts import changes, kept, nine_digits, write
 
 import flexgen
 from flexgen.errors import FlexgenError
 
 GOLDEN = Path(__file__).with_name("exports.txt")
-NUMBER = re.compile(r"-?\d+\.\d{3,}(?:e[-+]\d+)?|-?\d(?:\.\d+)?e[-+]\d+")
 OF_TODAY = re.compile(
     rf"{re.escape(flexgen.__version__)}|\d{{4}}-\d\d-\d\dT[0-9:]+Z|\{{?[0-9a-f]{{8}}-[0-9a-f-]{{27}}\}}?|\b[0-9a-f]{{32,64}}\b"
 )
@@ -54,12 +53,7 @@ ROBOTS = {
 
 def digest(text: str) -> str:
     """A hash of a text without versions, dates and the last digits of its numbers."""
-
-    def short(found: re.Match[str]) -> str:
-        value = float(found.group())
-        return f"{0.0 if abs(value) < 1e-12 else value:.9g}"
-
-    return hashlib.sha256(NUMBER.sub(short, OF_TODAY.sub("", text)).encode()).hexdigest()[:12]
+    return hashlib.sha256(nine_digits(OF_TODAY.sub("", text)).encode()).hexdigest()[:12]
 
 
 def hashes(path: Path) -> list[str]:

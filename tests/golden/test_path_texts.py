@@ -42,10 +42,10 @@ TOOL, JOINTS = (0.5, 5.0, 100.0, 4000.0), (2.0, 10.0, 200.0)
 derived = functools.cache(flexgen.derive)
 
 
-def digits(values: Any, count: int = 7) -> str:
+def digits(values: Any, count: int = 5) -> str:
     """Numbers of a few digits; what is below a millionth of the largest is rounding or nothing."""
     x = np.ravel(np.asarray(values, dtype=float))
-    tiny = 1e-9 * np.abs(x).max(initial=0.0)
+    tiny = 1e-6 * np.abs(x).max(initial=0.0)
     return " ".join(f"{0.0 if abs(v) <= tiny else v:.{count}g}" for v in x)
 
 

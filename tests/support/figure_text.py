@@ -19,8 +19,10 @@ def number(value: float) -> str:
 
 
 def row(values: Any) -> str:
-    """Some numbers."""
-    return " ".join(number(x) for x in np.ravel(np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)))
+    """Some numbers; what is below a billionth of the largest is rounding."""
+    x = np.ravel(np.ma.filled(np.ma.asarray(values, dtype=float), np.nan))
+    tiny = 1e-9 * np.abs(x[np.isfinite(x)]).max(initial=0.0)
+    return " ".join(number(0.0 if abs(value) < tiny else value) for value in x)
 
 
 def data(values: Any) -> str:

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 MARK = "== "
+NUMBER = re.compile(r"-?\d+\.\d{3,}(?:e[-+]\d+)?|-?\d(?:\.\d+)?e[-+]\d+")
+
+
+def nine_digits(text: str) -> str:
+    """A text with nine digits of each number: the last ones depend on how BLAS sums on a processor."""
+
+    def short(found: re.Match[str]) -> str:
+        value = float(found.group())
+        return f"{0.0 if abs(value) < 1e-12 else value:.9g}"
+
+    return NUMBER.sub(short, text)
 
 
 def kept(golden: Path) -> dict[str, list[str]]:

@@ -24,7 +24,19 @@ from flexgen.model.elements import RobotModel
 FOLDER = Path(__file__).parents[1] / "golden" / "numbers"
 ENDLESS = 1e300  # infinity in a file
 # times, and counts that rounding on another computer may change
-OTHER = ("wall", "cpu", "seconds", "iterations", "programs", "inversions", "date", "version", "simulated_in", "digest")
+OTHER = (
+    "history",
+    "wall",
+    "cpu",
+    "seconds",
+    "iterations",
+    "programs",
+    "inversions",
+    "date",
+    "version",
+    "simulated_in",
+    "digest",
+)
 
 
 def _sums(x: np.ndarray) -> list[float]:
