@@ -23,20 +23,9 @@ from flexgen.model.elements import RobotModel
 
 FOLDER = Path(__file__).parents[1] / "golden" / "numbers"
 ENDLESS = 1e300  # infinity in a file
-# times, and counts that rounding on another computer may change
-OTHER = (
-    "history",
-    "wall",
-    "cpu",
-    "seconds",
-    "iterations",
-    "programs",
-    "inversions",
-    "date",
-    "version",
-    "simulated_in",
-    "digest",
-)
+# times; counts and residuals at the level of rounding, which depend on how BLAS sums on a processor
+OTHER = ("history", "residual", "wall", "cpu", "seconds", "iterations", "programs", "inversions", "date", "version")
+OTHER += ("simulated_in", "digest")
 
 
 def _sums(x: np.ndarray) -> list[float]:
@@ -86,6 +75,6 @@ def check_numbers(name: str, rtol: float = 1e-6, **found: Any) -> None:
     assert now.keys() == expected.keys()
     for key, part in expected.items():
         assert now[key]["shape"] == part["shape"], key
-        size = part["sums"][0]
+        size, least = part["sums"][0], 1e-8 if "error" in key else 1e-13  # errors of a nanometer are rounding
         for one, other in zip(now[key]["sums"], part["sums"], strict=True):
-            assert abs(one - other) <= rtol * size + 1e-13, f"{key}: {now[key]['sums']}, expected {part['sums']}"
+            assert abs(one - other) <= rtol * size + least, f"{key}: {now[key]['sums']}, expected {part['sums']}"
