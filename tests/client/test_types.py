@@ -104,6 +104,7 @@ def test_every_class_that_a_public_function_returns_is_public() -> None:
         "Table",
         "LoopResponse",
         "Growth",
+        "Friction",
         "Interval",
         "Lagrangian",
         "Coordinate",

@@ -66,10 +66,10 @@ class Target:
 
 
 def target(model: Any, folder: FilePath, move: str | None = None, singular: int = -1) -> Target:
-    """The target of a model; its library has the inversion and nothing else."""
+    """The target of a model; its library has the inversion, with bvp, and nothing else."""
     equations = derive(model)
     names = [name for name in INVERSION if name != "inversion_jacobians" or equations.model.n_e]
-    made = generate(model, folder, functions=names)
+    made = generate(model, folder, functions=names, parts=["bvp"] * bool(equations.model.n_e))
     library = load(made.directory)
     path = Path(equations, equations.model.move(move))
     t = np.linspace(0.0, path.duration, SAMPLES)

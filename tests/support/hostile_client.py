@@ -87,7 +87,7 @@ static int whole_path(solver *function, int64_t (*wanted)(int, const @_inversion
     const double delay = next();
     const int null = (int)next();
     const long long lacking = (long long)next();
-    const @_inversion_options options = {n_pre, n_post, samples_per_interval, tolerance, hold, delay, 0.0};
+    const @_inversion_options options = {n_pre, n_post, samples_per_interval, tolerance, hold, delay, 0.0, 0};
     const int64_t most = wanted(n, &options);
     const long long size = most > 0 ? (most > lacking ? most - lacking : 0) : 8;
     const long long total = most > 0 ? (long long)n + n_pre + n_post : 1;
