@@ -109,7 +109,7 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
         )
     ]
     yield "robustness", lambda: html._robustness(rows)
-    generated = Made(functions=("a", "b<c"), files=("/tmp/x/model.c", "model.h"), digest="0123456789abcdef0123")
+    generated = Made(functions=("a", "b<c"), files=("src/model.c", "model.h"), digest="0123456789abcdef0123")
     yield "library", lambda: html._library_table(generated) + html._library_table(None)
     yield (
         "numbers",

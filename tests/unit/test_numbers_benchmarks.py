@@ -32,8 +32,16 @@ def small(version: int = 1, **more: object) -> SimpleNamespace:
     """What measures read of a scenario: two outputs, samples of 10 ms."""
     outputs = (Output("tool", "mm", {}, "x", 1e3), Output("q", "rad", {"q1": 1.0}, "", 1.0))
     windows = (Window("first", 0.05, 0.3, {kind: 1.0 + k for k, kind in enumerate(KINDS)}),)
-    fields = {"outputs": outputs, "windows": windows, "measured": windows, "sample_s": 0.01, "tolerance": 0.3,
-              "measures_version": version, "plan": None, "duration_s": 0.4}  # fmt: skip
+    fields = {
+        "outputs": outputs,
+        "windows": windows,
+        "measured": windows,
+        "sample_s": 0.01,
+        "tolerance": 0.3,
+        "measures_version": version,
+        "plan": None,
+        "duration_s": 0.4,
+    }
     return SimpleNamespace(**(fields | more))
 
 
@@ -45,8 +53,14 @@ def test_measures_of_a_window_by_hand() -> None:
     found = compute_measures(s, s.windows, z, u)
     rest = own[-10:].mean(axis=0)
     settled = [0.01 * np.flatnonzero(np.abs(own[:, k] - rest[k]) > 0.3)[-1] for k in range(2)]
-    expected = [*np.ptp(own, axis=0), *own.std(axis=0), *settled, np.ptp(torque, axis=0).max(), np.abs(torque).max(),
-                np.sqrt((torque**2).sum(axis=1).mean())]  # fmt: skip
+    expected = [
+        *np.ptp(own, axis=0),
+        *own.std(axis=0),
+        *settled,
+        np.ptp(torque, axis=0).max(),
+        np.abs(torque).max(),
+        np.sqrt((torque**2).sum(axis=1).mean()),
+    ]
     assert_allclose(found, expected)
     soft = compute_measures(small(2), s.windows, z, u)
     for k in range(2):
@@ -86,8 +100,11 @@ def test_a_draw_follows_from_the_hash_of_its_words() -> None:
         now = 0.01 * round((now + 0.2 + 0.2 * number(f"wait before {segment.name}")) / 0.01)
         for k, d in enumerate(segment.disturbances):
             sign = 1 if number(f"sign of {segment.name} {k}") < 0.5 else -1
-            expected.append(replace(d, size=sign * d.size * (0.8 + 0.4 * number(f"size of {segment.name} {k}")),
-                                    start_s=now + d.start_s))  # fmt: skip
+            expected.append(
+                replace(
+                    d, size=sign * d.size * (0.8 + 0.4 * number(f"size of {segment.name} {k}")), start_s=now + d.start_s
+                )
+            )
         windows[segment.name] = Window(segment.name, now, now + segment.length_s, segment.weights)
         now += segment.length_s
     assert [(d.kind, d.where) for d in found.disturbances] == [(d.kind, d.where) for d in expected]
@@ -103,12 +120,29 @@ MEASURES = (Measure("x", "mm", 0.25), Measure("y", "N m", 0.75))
 
 def scored(values: np.ndarray, **more: object) -> Score:
     chosen = SimpleNamespace(
-        nominal_weight=0.5, set_weights=(0.3, 0.2), sets={"soft": (1, 2), "heavy": (3,)}, name="s", version=7,
-        digest="d", frozen=False, title_line="s version 7", plants=SimpleNamespace(names=("nominal", "a", "b", "c")),
-    )  # fmt: skip
+        nominal_weight=0.5,
+        set_weights=(0.3, 0.2),
+        sets={"soft": (1, 2), "heavy": (3,)},
+        name="s",
+        version=7,
+        digest="d",
+        frozen=False,
+        title_line="s version 7",
+        plants=SimpleNamespace(names=("nominal", "a", "b", "c")),
+    )
     made = object.__new__(Score)
-    fields = {"scenario": chosen, "controller": "mine", "seed": 3, "rule": "", "measures": MEASURES, "values": values,
-              "reference": np.array([[2.0, 4.0], [1.0, 8.0]]), "refused": (), "wall_s": 1.0, "traces": {}}  # fmt: skip
+    fields = {
+        "scenario": chosen,
+        "controller": "mine",
+        "seed": 3,
+        "rule": "",
+        "measures": MEASURES,
+        "values": values,
+        "reference": np.array([[2.0, 4.0], [1.0, 8.0]]),
+        "refused": (),
+        "wall_s": 1.0,
+        "traces": {},
+    }
     for name, value in (fields | more).items():
         object.__setattr__(made, name, value)
     return made
@@ -233,9 +267,16 @@ def test_hashes_of_content() -> None:
 
 def test_sets_of_robots_are_columns_of_hadamard_matrices() -> None:
     model = scenario("two_link").model
-    rows = [{"name": "A", "factors": [{"names": [f"{model.motors[0].name}.inertia"], "change": 0.1},
-                                      {"names": [f"{model.motors[1].name}.inertia"], "change": 0.2}]},
-            {"name": "B", "factors": []}]  # fmt: skip
+    rows = [
+        {
+            "name": "A",
+            "factors": [
+                {"names": [f"{model.motors[0].name}.inertia"], "change": 0.1},
+                {"names": [f"{model.motors[1].name}.inertia"], "change": 0.2},
+            ],
+        },
+        {"name": "B", "factors": []},
+    ]
     plants, sets = _plants(model, rows)
     assert plants.names == ("nominal", "A, 1", "A, 2", "A, 3", "A, 4", "B, 1", "B, 2")
     assert sets == {"A": (1, 2, 3, 4), "B": (5, 6)}
@@ -254,11 +295,13 @@ def test_versions_and_controllers_of_benchmarks() -> None:
         1,
     )
     for given, text in (
-        (("four_mass", 3), "given 3, expected one of 1, 2"), (("four_mass@1", 2), "given 2, expected one of 1, 2"),
-        (("four_mass@x",), "expected one of 1, 2"), (("four_mass@0001",), "expected one of 1, 2"),
+        (("four_mass", 3), "given 3, expected one of 1, 2"),
+        (("four_mass@1", 2), "given 2, expected one of 1, 2"),
+        (("four_mass@x",), "expected one of 1, 2"),
+        (("four_mass@0001",), "expected one of 1, 2"),
         (("nothing",), "scenario: given 'nothing', expected four_mass, two_link or the path"),
         (("x.toml", 1), "version: given 1 with the file x.toml, expected none"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(ArgumentError, match=text):
             scenario(*given)
     first, second = find_shipped_controllers("two_link", 1), find_shipped_controllers("two_link", 2)

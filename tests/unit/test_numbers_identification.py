@@ -43,16 +43,25 @@ def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
     model = flexgen.read("planar5_nmp")
     truth = another(model, seed=5)
     plan = flexgen.excite(
-        model, poses=poses_of(model, 1), speed_rms=0.1, f_max=80.0, hardware=DriveHardware(1e-3), period_s=0.05,
-        periods=2, lines=4,
-    )  # fmt: skip
+        model,
+        poses=poses_of(model, 1),
+        speed_rms=0.1,
+        f_max=80.0,
+        hardware=DriveHardware(1e-3),
+        period_s=0.05,
+        periods=2,
+        lines=4,
+    )
     writer = RecordingWriter(tmp_path, plan, model)
     flexgen.measure(plan, truth, raw=writer)
     path = writer.finish()
     rows = [x for x in path.read_text().splitlines() if not x.startswith(("period_s", "line_numbers"))]
     path.write_text("\n".join(rows))
-    values = {f"{c.name}.{kind}": x for c in (truth.coordinates[i] for i in truth.i_g)
-              for kind, x in (("stiffness", c.dof.gear.spring.stiffness), ("damping", c.dof.gear.damping))}  # fmt: skip
+    values = {
+        f"{c.name}.{kind}": x
+        for c in (truth.coordinates[i] for i in truth.i_g)
+        for kind, x in (("stiffness", c.dof.gear.spring.stiffness), ("damping", c.dof.gear.damping))
+    }
     start = {"q1.stiffness": 1.2 * values["q1.stiffness"]}
     found = fit_motion(truth, path, free=["q1.stiffness"], segment_s=0.02, start=start)
     assert springs(found.model)["q1.stiffness"] == pytest.approx(values["q1.stiffness"], rel=1e-3)

@@ -79,8 +79,10 @@ def test_bdf_names_the_instant_where_newton_fails_and_where_the_equations_are_si
     with pytest.raises(SolverError, match=r"does not converge at t = 0\.1 s, last correction .* rad or m; try a finer"):
         bdf.march(
             altered(lambda *x: [case.dae.rows(*x)[0] * next(noise) + next(noise), *case.dae.rows(*x)[1:]]),
-            case.path, t, case.x_eq,
-        )  # fmt: skip
+            case.path,
+            t,
+            case.x_eq,
+        )
 
 
 def test_the_order_of_bdf_falls_at_a_lightly_damped_zero() -> None:
@@ -330,8 +332,10 @@ def test_a_discretized_motion_satisfies_the_equations_with_central_differences(o
     scale = np.abs(found.tau_m).max()
     assert np.abs(r_m).max() < 1e-4 * scale and np.abs(r_a).max() < 1e-4 * scale * 100
     m = order // 2
-    first, second = ({2: (0.5,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60)}[order],
-                     {2: (1,), 4: (4 / 3, -1 / 12), 6: (3 / 2, -3 / 20, 1 / 90)}[order])  # fmt: skip
+    first, second = (
+        {2: (0.5,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60)}[order],
+        {2: (1,), 4: (4 / 3, -1 / 12), 6: (3 / 2, -3 / 20, 1 / 90)}[order],
+    )
     for q, v, a in (arm_side, motor_side):
         for k in (m, 10, len(q) - 1 - m):
             rate = sum(w * (q[k + j] - q[k - j]) for j, w in enumerate(first, 1)) / h

@@ -79,8 +79,10 @@ def test_the_spectral_radius_of_a_chain_and_its_largest_frequency() -> None:
         found = chain.largest_frequency(n, "continuous", Timing(H, delay))
         assert 2 * np.pi * found * H == pytest.approx(bound_wh, abs=1e-4)
     largest = chain.largest_frequency(2, "continuous", timing)
-    assert_array_equal(chain.stable_gains(0.99 * largest, 2, "continuous", timing),
-                       chain.chain_gains(0.99 * largest, 2, "continuous", H))  # fmt: skip
+    assert_array_equal(
+        chain.stable_gains(0.99 * largest, 2, "continuous", timing),
+        chain.chain_gains(0.99 * largest, 2, "continuous", H),
+    )
     text = r"given .* Hz, with which a chain of 2 integrators is unstable at 10 ms and a delay of 4 ms \(largest"
     with pytest.raises(ArgumentError, match=text):
         chain.stable_gains(1.01 * largest, 2, "continuous", timing)
@@ -236,12 +238,16 @@ def test_the_eigenvalue_of_a_feedback_of_angles_and_speeds(differences: bool) ->
 def motion_of(model: object, exact: bool = True, **more: object) -> SimpleNamespace:
     """A motion at rest with the functions that laws read."""
     reference = SimpleNamespace(
-        time=np.array([0.0, 0.5, 1.0]), begin=0.0, end=1.0,
+        time=np.array([0.0, 0.5, 1.0]),
+        begin=0.0,
+        end=1.0,
         points=lambda k: tuple(np.repeat(x, len(k), 0) for x in at_rest(model)),
-        motion={"q_a": np.repeat(at_rest(model)[0], 3, 0)}, held=np.ones((3, model.n_m)),
-    )  # fmt: skip
-    return SimpleNamespace(model=model, reference=reference, sample_s=1e-3, delay_s=0.0, exact_state=exact,
-                           equations=derive(model), **more)  # fmt: skip
+        motion={"q_a": np.repeat(at_rest(model)[0], 3, 0)},
+        held=np.ones((3, model.n_m)),
+    )
+    return SimpleNamespace(
+        model=model, reference=reference, sample_s=1e-3, delay_s=0.0, exact_state=exact, equations=derive(model), **more
+    )
 
 
 def test_an_unstable_pose_is_named() -> None:
@@ -490,16 +496,25 @@ def trial(
 def test_the_table_of_a_study_by_hand() -> None:
     exact, noisy = study.Setting(5e-4, 0.0, True), study.Setting(1e-3, 2e-3, False)
     trials = (
-        trial(exact, study.PD, "a", (1e-3, 4e-3), 99.0), trial(exact, study.PD, "b", (2e-3, 3e-3)),
-        trial(exact, study.PD, "c", (1e-3, np.nan)), trial(exact, study.FL, "d", (6e-3, 1e-3)),
-        trial(exact, study.PREDICTED, "e", (5e-3,)), trial(exact, study.STATE_LQ, "f", (2e-3,)),
-        trial(noisy, study.PD, "g", (1e-3,), 4.1), trial(noisy, study.PD, "h", (7e-3,), 4.0),
+        trial(exact, study.PD, "a", (1e-3, 4e-3), 99.0),
+        trial(exact, study.PD, "b", (2e-3, 3e-3)),
+        trial(exact, study.PD, "c", (1e-3, np.nan)),
+        trial(exact, study.FL, "d", (6e-3, 1e-3)),
+        trial(exact, study.PREDICTED, "e", (5e-3,)),
+        trial(exact, study.STATE_LQ, "f", (2e-3,)),
+        trial(noisy, study.PD, "g", (1e-3,), 4.1),
+        trial(noisy, study.PD, "h", (7e-3,), 4.0),
         trial(noisy, study.FL, "i", (), np.nan, "no"),
-    )  # fmt: skip
+    )
     made = object.__new__(study.FeedbackStudy)
-    fields = {"model": flexgen.read("elbow"), "solution": SimpleNamespace(move=SimpleNamespace(name="m")),
-              "plants": ("nominal", "x"), "settings": (exact, noisy), "trials": trials,
-              "torque_noise_Nm": 4.0}  # fmt: skip
+    fields = {
+        "model": flexgen.read("elbow"),
+        "solution": SimpleNamespace(move=SimpleNamespace(name="m")),
+        "plants": ("nominal", "x"),
+        "settings": (exact, noisy),
+        "trials": trials,
+        "torque_noise_Nm": 4.0,
+    }
     for name, value in fields.items():
         object.__setattr__(made, name, value)
     assert made.best(exact, study.PD).tuning == "b" and made.best(noisy, study.PD).tuning == "h"
@@ -516,8 +531,13 @@ def test_the_table_of_a_study_by_hand() -> None:
     assert data["settings"][0]["families"][study.PD]["best"] == "b"
     assert data["settings"][0]["families"][study.PD]["tunings"][2]["error_m"] == [1e-3, None]
     assert data["settings"][1]["families"][study.FL]["tunings"][0] == {
-        "tuning": "i", "worst_m": None, "error_m": [], "dynamic_error_m": [], "torque_noise_Nm": None, "refused": "no",
-    }  # fmt: skip
+        "tuning": "i",
+        "worst_m": None,
+        "error_m": [],
+        "dynamic_error_m": [],
+        "torque_noise_Nm": None,
+        "refused": "no",
+    }
     assert data["torque_noise_limit_Nm"] == 4.0 and data["plants"] == ["nominal", "x"]
     assert repr(made) == "<FeedbackStudy elbow: 2 settings, 9 tunings>"
 
@@ -548,8 +568,16 @@ def test_laws_of_a_study_and_its_disturbances(monkeypatch: pytest.MonkeyPatch) -
         *(Disturbance("step", name, 0.5, 0.1) for name in names),
         Disturbance("pulse", "tool.x", 300.0, 0.25, 0.02),
     ]
-    assert given == {"sample_time": 1e-3, "delay": 2e-3, "plants": study.PLANTS, "disturbances": {"disturbed": pushes},
-                     "encoder_noise": 1e-4, "exact_state": False, "solution": None, "torque_limits": False}  # fmt: skip
+    assert given == {
+        "sample_time": 1e-3,
+        "delay": 2e-3,
+        "plants": study.PLANTS,
+        "disturbances": {"disturbed": pushes},
+        "encoder_noise": 1e-4,
+        "exact_state": False,
+        "solution": None,
+        "torque_limits": False,
+    }
     study._case(model, study.Setting(1e-3, 0.0, True), None)
     assert given["encoder_noise"] == 0.0 and given["exact_state"]
     time = np.array([-2.0, -1.0, -0.5, -0.1, 0.0, 1.0])

@@ -430,8 +430,11 @@ def test_channels_by_name_with_their_noises() -> None:
     )
     kinds = [(s.type, s.place, len(s.axes), s.unit, s.delay_s) for s in virtual.model.sensors]
     names = [c.name for c in model.coordinates]
-    assert kinds == [("accelerometer", "tool", 3, "m/s^2", 0.0), ("gyro", "tool", 3, "rad/s", 0.0),
-                     *[("link_encoder", name, 0, "rad", 0.0) for name in names]]  # fmt: skip
+    assert kinds == [
+        ("accelerometer", "tool", 3, "m/s^2", 0.0),
+        ("gyro", "tool", 3, "rad/s", 0.0),
+        *[("link_encoder", name, 0, "rad", 0.0) for name in names],
+    ]
     encoders = channels_of(model, "link_encoders", {"link_encoders": 4e-5})
     assert encoders.noise.tolist() == [4e-5] * 2
     late = replace(model, sensors=(replace(own, delay_s=1e-3),))
@@ -527,10 +530,15 @@ def test_timing_of_a_law() -> None:
 
 
 def motion_of(t: np.ndarray) -> dict[str, np.ndarray]:
-    return {"q_a": np.stack([t**3, 1 - t], axis=1), "v_a": np.stack([3 * t**2, -1 + 0 * t], axis=1),
-            "a_a": np.stack([6 * t, 0 * t], axis=1), "q_m": np.stack([50 * t**3], axis=1),
-            "v_m": np.stack([150 * t**2], axis=1), "a_m": np.stack([300 * t], axis=1),
-            "tau_m": np.stack([2 * t], axis=1)}  # fmt: skip
+    return {
+        "q_a": np.stack([t**3, 1 - t], axis=1),
+        "v_a": np.stack([3 * t**2, -1 + 0 * t], axis=1),
+        "a_a": np.stack([6 * t, 0 * t], axis=1),
+        "q_m": np.stack([50 * t**3], axis=1),
+        "v_m": np.stack([150 * t**2], axis=1),
+        "a_m": np.stack([300 * t], axis=1),
+        "tau_m": np.stack([2 * t], axis=1),
+    }
 
 
 def test_the_planned_motion_of_a_law_rests_outside_the_trajectory() -> None:
@@ -598,16 +606,34 @@ def run_of(**more: object) -> tuple[ControlRun, PlantRun]:
     """A run of a planar robot whose errors are given: 6 samples, motion from 0.1 to 0.4 s, path until 0.4 s."""
     time = 0.1 * np.arange(6)
     error = np.array([[1, 0], [3, 4], [0, -6], [0, 1], [2, 0], [1, 1.0]]) * 1e-3
-    robot = PlantRun("nominal", np.zeros((6, 2)), np.zeros((6, 2)), np.array([[1.0, -7.0]] * 6), error, None, 3, "",
-                     np.zeros((6, 2)), np.zeros((6, 0)), "+1 kg")  # fmt: skip
+    robot = PlantRun(
+        "nominal",
+        np.zeros((6, 2)),
+        np.zeros((6, 2)),
+        np.array([[1.0, -7.0]] * 6),
+        error,
+        None,
+        3,
+        "",
+        np.zeros((6, 2)),
+        np.zeros((6, 0)),
+        "+1 kg",
+    )
     robot = replace(robot, **more)
     model, reference = flexgen.read("elbow"), SimpleNamespace(time=time, begin=0.1, end=0.4, path_end=0.4)
     made = object.__new__(ControlRun)
     fields = {
-        "model": model, "solution": SimpleNamespace(move=SimpleNamespace(name="line")), "controller": "mine",
-        "law": None, "reference": reference, "hardware": DriveHardware(1e-3, 2.5e-4), "delay_samples": 2,
-        "runs": (robot,), "steps": 4, "wall_s": 0.5,
-    }  # fmt: skip
+        "model": model,
+        "solution": SimpleNamespace(move=SimpleNamespace(name="line")),
+        "controller": "mine",
+        "law": None,
+        "reference": reference,
+        "hardware": DriveHardware(1e-3, 2.5e-4),
+        "delay_samples": 2,
+        "runs": (robot,),
+        "steps": 4,
+        "wall_s": 0.5,
+    }
     for name, value in fields.items():
         object.__setattr__(made, name, value)
     return made, robot
@@ -660,10 +686,14 @@ def test_trajectories_of_a_run_have_names_and_units() -> None:
 
 def test_hardware_out_of_range() -> None:
     for given, text in (
-        ({"sample_s": 0.0}, "sample_s"), ({"sample_s": np.inf}, "sample_s"), ({"delay_s": 5e-4}, "delay_s"),
-        ({"delay_s": -1e-9}, "delay_s"), ({"encoder_noise_rad": -1.0}, "encoder_noise_rad"),
-        ({"torque_noise_Nm": np.inf}, "torque_noise_Nm"), ({"encoder_resolution_rad": -1e-9}, "encoder_resolution_rad"),
-    ):  # fmt: skip
+        ({"sample_s": 0.0}, "sample_s"),
+        ({"sample_s": np.inf}, "sample_s"),
+        ({"delay_s": 5e-4}, "delay_s"),
+        ({"delay_s": -1e-9}, "delay_s"),
+        ({"encoder_noise_rad": -1.0}, "encoder_noise_rad"),
+        ({"torque_noise_Nm": np.inf}, "torque_noise_Nm"),
+        ({"encoder_resolution_rad": -1e-9}, "encoder_resolution_rad"),
+    ):
         with pytest.raises(ArgumentError, match=text):
             DriveHardware(**given)
     model = flexgen.read("elbow")

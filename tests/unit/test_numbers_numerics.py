@@ -205,8 +205,11 @@ def test_a_linear_fit_with_prior_and_bounds_is_that_of_scipy() -> None:
     center, sd = np.array([0.5, -0.3, 0.2]), np.array([0.7, 2.0, 5.0])
     whole = np.vstack([J, np.diag(1 / sd)]), np.r_[d, center / sd]
     free = np.linalg.lstsq(*whole, rcond=None)[0]
-    for bounds in ((np.full(3, -9.0), np.full(3, 9.0)), (np.array([free[0] + 0.3, -9, -9]), np.array([9, 9, 9.0])),
-                   (np.full(3, -9.0), np.array([9, free[1] - 0.2, 9.0]))):  # fmt: skip
+    for bounds in (
+        (np.full(3, -9.0), np.full(3, 9.0)),
+        (np.array([free[0] + 0.3, -9, -9]), np.array([9, 9, 9.0])),
+        (np.full(3, -9.0), np.array([9, free[1] - 0.2, 9.0])),
+    ):
         fit = minimize(*linear(J, d), np.array([20.0, -20.0, 0.0]), center, sd, bounds, distance=1e-9)
         expected = lsq_linear(*whole, bounds, method="bvls").x
         assert fit.converged and 2 <= fit.iterations < 20
@@ -331,8 +334,17 @@ def test_a_nonlinear_program_with_all_that_can_be_given() -> None:
 
     arguments = dict(bounds_g=(1.0, 1.0), bounds_x=(np.array([-9.0, -9.0]), np.array([1.5, 9.0])))
     slope = ca.horzcat(x[1], x[0])
-    found = nlp.solve_nlp(x, cost, g, slope, hessian, np.array([1.0, 1.0]), gradient=ca.gradient(cost, x).T,
-                          progress=lines.append, **arguments)  # fmt: skip
+    found = nlp.solve_nlp(
+        x,
+        cost,
+        g,
+        slope,
+        hessian,
+        np.array([1.0, 1.0]),
+        gradient=ca.gradient(cost, x).T,
+        progress=lines.append,
+        **arguments,
+    )
     y = found.x
     assert found.success and found.status == "Solve_Succeeded" and found.violation < 1e-9
     assert_allclose(y[0] * y[1], 1.0, atol=1e-9)

@@ -356,11 +356,15 @@ def test_the_linear_program_of_a_step() -> None:
     step = made._program(x, g, G, trust, scale)
     A = G[:2] * [2.0, 1.0, 1.0]
     e, o = np.eye(2), np.zeros((2, 1))
-    rows = np.vstack([
-        np.c_[A, -np.ones(2), np.zeros((2, 2))], np.c_[-A, -np.ones(2), np.zeros((2, 2))],
-        [[0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0], [0, 0, 1, 0, 0, 0]],
-        np.c_[o, e, o, -e], np.c_[o, -e, o, -e],
-    ])  # fmt: skip
+    rows = np.vstack(
+        [
+            np.c_[A, -np.ones(2), np.zeros((2, 2))],
+            np.c_[-A, -np.ones(2), np.zeros((2, 2))],
+            [[0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0], [0, 0, 1, 0, 0, 0]],
+            np.c_[o, e, o, -e],
+            np.c_[o, -e, o, -e],
+        ]
+    )
     right = np.r_[1 - g[:2], 1 + g[:2], 0.3, 0.3, 0.4, np.zeros(4)]
     bounds = [(-trust, trust)] * 3 + [(0, None)] * 3
     expected = linprog([1, 0, 0, 5, 1e-3, 1e-3], rows, right, bounds=bounds).x[:3] * [2.0, 1, 1]

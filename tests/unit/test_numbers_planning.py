@@ -95,10 +95,14 @@ def test_distances_of_the_arm_from_obstacles() -> None:
     assert_allclose(points[:, 1::2], corners)
     assert_allclose(points[:, 2::2], (corners[:, :-1] + corners[:, 1:]) / 2)
     center, half = np.array([0.5, 1.5, 0.2]), np.array([3.0, -4.0, 0.0])
-    at = ca.Function("d", [q], [
-        distance_rows(equations, q, Sphere(tuple(center), 0.1), 0.05, 1),
-        distance_rows(equations, q, HalfSpace(tuple(half), -2.0), 0.3, 1),
-    ])  # fmt: skip
+    at = ca.Function(
+        "d",
+        [q],
+        [
+            distance_rows(equations, q, Sphere(tuple(center), 0.1), 0.05, 1),
+            distance_rows(equations, q, HalfSpace(tuple(half), -2.0), 0.3, 1),
+        ],
+    )
     sphere, space = (np.array(x).ravel() for x in at(pose))
     far = np.linalg.norm(points - center[:, None], axis=0)
     assert_allclose(sphere, (far**2 - 0.15**2) / 0.3)

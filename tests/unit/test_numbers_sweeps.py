@@ -127,19 +127,29 @@ def test_torques_of_a_batch_are_the_inverse_dynamics_of_the_elastic_robot() -> N
 def test_limits_of_a_batch() -> None:
     dof = SimpleNamespace(speed_max=2.0, acceleration_max=None, lower=-1.0, upper=1.5)
     robot = SimpleNamespace(
-        i_g=(0, 1), coordinates=[SimpleNamespace(dof=dof), SimpleNamespace(dof=None)],
+        i_g=(0, 1),
+        coordinates=[SimpleNamespace(dof=dof), SimpleNamespace(dof=None)],
         motors=[SimpleNamespace(torque_max=5.0, speed_max=None), SimpleNamespace(torque_max=None, speed_max=9.0)],
-    )  # fmt: skip
+    )
     one = np.ones((1, 2))
 
     def beyond(start: float = 0.0, end: float = 1.0, **more: tuple[float, float]) -> bool:
         parts = {name: np.array([more.get(name, (1.0, 1.0))]) for name in Peaks.__annotations__}
         return bool(batches._beyond(robot, Peaks(**parts), start * one, end * one)[0])
 
-    cases_ = [{}, {"torque_max": (5.0, 99)}, {"torque_max": (5.1, 1)}, {"speed_max": (99, 9.0)},
+    cases_ = [
+        {},
+        {"torque_max": (5.0, 99)},
+        {"torque_max": (5.1, 1)},
+        {"speed_max": (99, 9.0)},
         {"speed_max": (1, 9.1)},
-              {"speed": (2.0, 99)}, {"speed": (2.1, 1)}, {"acceleration": (99, 99)}, {"end": 1.6},
-                  {"start": -1.1}, {"start": -1.0}]  # fmt: skip
+        {"speed": (2.0, 99)},
+        {"speed": (2.1, 1)},
+        {"acceleration": (99, 99)},
+        {"end": 1.6},
+        {"start": -1.1},
+        {"start": -1.0},
+    ]
     assert [beyond(**x) for x in cases_] == [0, 0, 1, 0, 1, 0, 1, 0, 1, 1, 0]
 
 
@@ -204,9 +214,12 @@ def test_a_grid_counts_models_slowest_and_methods_fastest() -> None:
         range(10, 20)
     )
     assert cases.combinations({"a": [1, 2], "b": ["x"]}) == ({"a": 1, "b": "x"}, {"a": 2, "b": "x"})
-    for bad, text in (({"models": "elbow"}, "models"), ({"models": []}, "one or more"), ({"models": ["x"],
-        "moves": [3]}, "moves"),
-                      ({"models": ["x"], "options": {"mush": 1}}, "options: given 'mush'")):  # fmt: skip
+    for bad, text in (
+        ({"models": "elbow"}, "models"),
+        ({"models": []}, "one or more"),
+        ({"models": ["x"], "moves": [3]}, "moves"),
+        ({"models": ["x"], "options": {"mush": 1}}, "options: given 'mush'"),
+    ):
         with pytest.raises(ArgumentError, match=text):
             cases.Grid(**bad)
     with pytest.raises(ArgumentError, match="given parameters for the RobotModel elbow"):
@@ -232,8 +245,16 @@ def test_tables_and_their_summary() -> None:
     results = table_of(RESULTS, rows)
     times = table_of(TIMES, [{"case": k, "cpu": 1.5 + k, "wall": 9.0} for k in range(2)] + [{"case": 2}])
     first, second = summary.summarize(results, times)
-    assert first == {"model": "a", "method": "lq", "status": "solved", "cases": 2, "tool_error_max": 1e-6,
-                     "turn_error_max": None, "torque_max": 7.0, "cpu": 4.0}  # fmt: skip
+    assert first == {
+        "model": "a",
+        "method": "lq",
+        "status": "solved",
+        "cases": 2,
+        "tool_error_max": 1e-6,
+        "turn_error_max": None,
+        "torque_max": 7.0,
+        "cpu": 4.0,
+    }
     assert second["cases"] == 1 and second["torque_max"] is None and second["cpu"] == 0.0
     groups = summary.group_reasons([4, 5, 6, 7], ["x 1", "at 3.1 s", "at 1e-5 s", "at 2 s"])
     assert groups == [{"reason": "at 3.1 s", "cases": [5, 6, 7]}, {"reason": "x 1", "cases": [4]}]
@@ -265,26 +286,44 @@ def test_wrong_arguments_of_a_sweep() -> None:
     sweep._check_arguments(grid, "x", 0, None, 1, True, 1)
     for given, text in (
         ((5, *none[:4], False, None), "grid: given 5, expected a Grid"),
-        ((grid, None, -1, None, None, False, None), "workers"), ((grid, None, None, None, 0, False, None),
-            "shard_size"),
-        ((grid, None, None, None, None, False, 0), "in_flight"), ((grid, None, 1, object(), None, False, None),
-            "together with"),
-        ((grid, None, None, 7, None, False, None), "executor: given 7"), ((grid, None, None, None, None, True,
-            None), "resume"),
-    ):  # fmt: skip
+        ((grid, None, -1, None, None, False, None), "workers"),
+        ((grid, None, None, None, 0, False, None), "shard_size"),
+        ((grid, None, None, None, None, False, 0), "in_flight"),
+        ((grid, None, 1, object(), None, False, None), "together with"),
+        ((grid, None, None, 7, None, False, None), "executor: given 7"),
+        ((grid, None, None, None, None, True, None), "resume"),
+    ):
         with pytest.raises(ArgumentError, match=text):
             sweep._check_arguments(*given)
 
 
 UNARY = {
-    "sqrt": ca.sqrt, "exp": ca.exp, "log": ca.log, "sin": ca.sin, "cos": ca.cos, "tan": ca.tan, "sinh": ca.sinh,
-    "cosh": ca.cosh, "tanh": ca.tanh, "atan": ca.atan, "asinh": ca.asinh, "fabs": ca.fabs, "inverse": lambda x: 1 / x,
-    "square": lambda x: x * x, "negative": lambda x: -x, "twice": lambda x: x + x, "cube": lambda x: x**3,
-    "power": lambda x: x**1.7, "sign": ca.sign, "least": lambda x: ca.fmin(x, 2.0), "most": lambda x: ca.fmax(x, 2.0),
-    "quotient": lambda x: (x + 1) / (2 + x * x), "switch": lambda x: ca.if_else(x > 1, x * x, x),
-        "power of": lambda x: x**x,
+    "sqrt": ca.sqrt,
+    "exp": ca.exp,
+    "log": ca.log,
+    "sin": ca.sin,
+    "cos": ca.cos,
+    "tan": ca.tan,
+    "sinh": ca.sinh,
+    "cosh": ca.cosh,
+    "tanh": ca.tanh,
+    "atan": ca.atan,
+    "asinh": ca.asinh,
+    "fabs": ca.fabs,
+    "inverse": lambda x: 1 / x,
+    "square": lambda x: x * x,
+    "negative": lambda x: -x,
+    "twice": lambda x: x + x,
+    "cube": lambda x: x**3,
+    "power": lambda x: x**1.7,
+    "sign": ca.sign,
+    "least": lambda x: ca.fmin(x, 2.0),
+    "most": lambda x: ca.fmax(x, 2.0),
+    "quotient": lambda x: (x + 1) / (2 + x * x),
+    "switch": lambda x: ca.if_else(x > 1, x * x, x),
+    "power of": lambda x: x**x,
     "logic": lambda x: x * ca.logic_and(x > 0, x <= 1) + ca.logic_or(x == 1, x != 2) - ca.logic_not(x) + (x < 3),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", list(UNARY))
