@@ -20,7 +20,20 @@ from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinema
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
-from flexgen.mechanics.signatures import FLEXIBLE_JOINT, FUNCTIONS, OPTIONAL, PORTS, TABLE, Row, offered_functions, port
+from flexgen.mechanics.signatures import (
+    COTANGENT,
+    FLEXIBLE_JOINT,
+    FUNCTIONS,
+    OPTIONAL,
+    PORTS,
+    PRODUCTS,
+    TABLE,
+    TANGENT,
+    Row,
+    offered_functions,
+    port,
+    split_product,
+)
 from flexgen.model.elements import RobotModel
 from flexgen.spec.ports import Port, c_name_problem, identifier_problem
 
@@ -250,11 +263,16 @@ def choose_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[st
         raise ArgumentError(f"functions: given the text {names!r}, expected a sequence of names")
     for name in names:
         if name not in (*FUNCTIONS, *OPTIONAL):
-            raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join((*FUNCTIONS, *OPTIONAL))}")
-        if name not in (*offered, *OPTIONAL):
+            known = [each for each in (*FUNCTIONS, *OPTIONAL) if not split_product(each)[1]]
+            products = ", ".join(pattern for pattern, _ in PRODUCTS)
+            raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join(known)}, {products}")
+        base = split_product(name)[0]
+        if base not in (*offered, *OPTIONAL):
             reason = model.inversion_obstacle() or f"model {model.name} has no coordinates without motor"
-            if name in FLEXIBLE_JOINT:
+            if base in FLEXIBLE_JOINT:
                 reason = flexible_joint_obstacle(model) or reason
+            elif base in ("sensors", "sensor_derivatives"):
+                reason = f"model {model.name} has no sensors"
             raise ArgumentError(f"functions: given {name!r}, but {reason}; expected some of {', '.join(offered)}")
     if not names:
         raise ArgumentError("functions: given none, expected at least one name, or None for all of them")
@@ -382,12 +400,17 @@ def _constants(model: RobotModel) -> Constants:
 def _function_spec(row: Row, equations: Any, sizes: dict[str, int]) -> FunctionSpec:
     """One row of the table with its mathematics, checked against the ports."""
     # here, so that a library that is there already needs no CasADi
-    from flexgen.codegen.routines import PARAMETERS, needs_parameters, parameters_port, program_of
+    from flexgen.codegen.routines import PARAMETERS, mathematics_of, needs_parameters, parameters_port, program_of
 
     inputs, outputs = (
         tuple(port(name, equations.model, sizes) for name in names.split()) for names in (row.inputs, row.outputs)
     )
     outputs = tuple(p for p in outputs if p.size)  # (rows without motor where every coordinate has one)
+    if split_product(row.name)[1]:  # products know the parameters that their function has
+        known = mathematics_of(equations, row.name)
+        more = {PARAMETERS + TANGENT, PARAMETERS + COTANGENT}
+        inputs += tuple(port(name, equations.model, sizes) for name in known.name_in() if name in more)
+        outputs += tuple(port(name, equations.model, sizes) for name in known.name_out() if name in more)
     extents_of = {p.name: PORTS[p.name][0] for p in (*inputs, *outputs)}
     program = program_of(row.name, equations, inputs, outputs)
     if needs_parameters(program):

@@ -11,7 +11,15 @@ import casadi as ca
 from flexgen.errors import ArgumentError
 from flexgen.mechanics import dynamics, flexible_joint, inversion_functions, linearization
 from flexgen.mechanics.implicit_dae import ImplicitDae, implicit_dae
-from flexgen.mechanics.signatures import PYTHON_TABLE, TABLE, reference
+from flexgen.mechanics.signatures import (
+    FUNCTIONS,
+    INVERSION,
+    PYTHON_TABLE,
+    TABLE,
+    offered_functions,
+    reference,
+    split_product,
+)
 from flexgen.mechanics.system import Builder, System
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -30,6 +38,7 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
 
 {textwrap.indent(reference([row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]), 8 * " ")}
 
+    ``NAME_jvp`` and ``NAME_vjp`` are products with the derivatives of a function: see `flexgen.mechanics.products`.
     ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of ``q_m``, ``v_m``, ``a_m``
     behind rigid gears are ignored as inputs (they follow their joints) and returned filled in. ``r`` (n): residual of
     the equations of motion in ``y = (q_a, q_me)``.
@@ -60,10 +69,21 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
     def function(self, name: str) -> ca.Function:
         """The CasADi function of that name (see the class); ArgumentError for an unknown one."""
         if name not in self._functions:
-            if name not in BUILDERS:
+            base, kind = split_product(name)
+            if base not in BUILDERS:
                 raise ArgumentError(f"function: given {name!r}, expected one of {', '.join(BUILDERS)}")
-            self._functions[name] = self.build(name, *BUILDERS[name](self))
+            built = BUILDERS[base](self)
+            if kind:
+                from flexgen.mechanics.products import differentiated  # (a solution needs none)
+
+                built = differentiated(self, kind, built)
+            self._functions[name] = self.build(name, *built)
         return self._functions[name]
+
+    def sizes(self) -> dict[str, int]:
+        """Number of instructions of each function that the model has, by its name."""
+        missing = {*INVERSION, *FUNCTIONS} - set(offered_functions(self.model))
+        return {name: int(self.function(name).n_instructions()) for name in BUILDERS if name not in missing}
 
     def dae(self) -> ImplicitDae:
         """The equations of motion as one implicit DAE ``F(xdot, x, z, u) = 0`` with names and units.

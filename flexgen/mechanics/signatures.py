@@ -31,7 +31,7 @@ class Row:
     optional: bool = False
 
 
-TABLE = (
+_FUNCTIONS = (
     Row(
         "forward_kinematics",
         "Position and rotation matrix of the tool in the world.",
@@ -183,6 +183,43 @@ TABLE = (
     ),
 )
 
+# --- products with derivatives -------------------------------------------------------------------------------------
+
+NOT_DIFFERENTIATED = """
+mass_matrix_packed inverse_dynamics_derivatives arm_forward_derivatives sensor_derivatives linearize
+output_constraint inversion_jacobians inversion_rows
+""".split()
+DIFFERENTIATED = tuple(row.name for row in _FUNCTIONS if row.name not in NOT_DIFFERENTIATED)
+TANGENT, COTANGENT = "_tangent", "_cotangent"
+PRODUCTS = (
+    ("NAME_jvp", "Change of the results of a function for a small change of its inputs. Only where it is named."),
+    ("NAME_vjp", "Derivatives of a weighted sum of the results of a function in its inputs. Only where it is named."),
+)
+
+
+def split_product(name: str) -> tuple[str, str]:
+    """The function and the kind of a product with its derivatives, ``"jvp"`` or ``"vjp"``; else the name and ""."""
+    base, _, kind = name.rpartition("_")
+    return (base, kind) if kind in ("jvp", "vjp") else (name, "")
+
+
+def _products(row: Row) -> list[Row]:
+    """The rows of the products with a function's derivatives."""
+    x, y = row.inputs.split(), row.outputs.split()
+    directions, weights = [n + TANGENT for n in x], [n + COTANGENT for n in y]
+    changes, derivatives = [n + TANGENT for n in y], [n + COTANGENT for n in x]
+    (jvp, change), (vjp, derivative) = ((name.replace("NAME", row.name), text) for name, text in PRODUCTS)
+    forward, back = " ".join([*x, *directions]), " ".join([*x, *weights])
+    return [
+        Row(jvp, change.replace("a function", row.name), "dy = (dy/dx) dx", forward, " ".join(changes), True),
+        Row(
+            vjp, derivative.replace("a function", row.name), "x_bar = (dy/dx)' y_bar", back, " ".join(derivatives), True
+        ),
+    ]
+
+
+TABLE = (*_FUNCTIONS, *(each for row in _FUNCTIONS if row.name in DIFFERENTIATED for each in _products(row)))
+
 PYTHON_TABLE = (  # of Equations only, not emitted as C
     Row("jacobian_dot", "Time derivative of the Jacobian of the tool.", "dJ = dJ(q_a)/dt", "q_a v_a", "dJ"),
     Row("arm_forces", "Joint frictions and body drags of the arm, as they act.", "", "q_a v_a", "f_a"),
@@ -308,6 +345,14 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "dtau_p": (("n_g",), "mixed", "unit of the torque per unit of the coordinate"),
     "f_m": (("n_m",), "N m", "friction torques, motor side"),
 }
+for _row in _FUNCTIONS:
+    if _row.name in DIFFERENTIATED:
+        for _name in f"{_row.inputs} {_row.outputs}".split():
+            _extents, _template, _ = PORTS[_name]
+            PORTS[_name + TANGENT] = _extents, _template, f"change of {_name}"
+            PORTS[_name + COTANGENT] = _extents, "mixed", f"unit of the weighted sum per unit of {_name}"
+PORTS["parameters" + TANGENT] = ("n_p",), "mixed", "change of parameters"
+PORTS["parameters" + COTANGENT] = ("n_p",), "mixed", "unit of the weighted sum per unit of parameters"
 # of the functions in PYTHON_TABLE; n = n_x/2, k: corner points
 PYTHON_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "dJ": (("6", "n_a"), "mixed", "as J, per second"),

@@ -14,9 +14,10 @@ import casadi as ca
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.signatures import split_product
 from flexgen.mechanics.system import Built
-from flexgen.recursion import articulated_body, composite_body, inversion_functions, kinematics, newton_euler
-from flexgen.recursion.arm import Arm, Columns, arm_of, matrix_of, shortest_mass_matrix, vectors
+from flexgen.recursion import accelerations, composite_body, inversion_functions, kinematics, newton_euler, products
+from flexgen.recursion.arm import Arm, Columns, Route, arm_of, matrix_of, shortest_mass_matrix, vectors
 from flexgen.recursion.dh_chain import Chain, make_chain
 from flexgen.recursion.tape import Scalar, Tape
 
@@ -66,18 +67,29 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
         zero.
     """
     model = equations.model
-    carried = model.motor_coupling == "complete" and name in _WHOLE
+    base, product = split_product(name)
+    carried = model.motor_coupling == "complete" and base in _WHOLE
     carried = carried or (name in inversion_functions.BUILDERS and model.inversion_obstacle() is not None)
     inertias = any(parameter.inertia for parameter in equations.parameters)
-    if name not in _BUILDERS or carried or inertias or any(element.beam is not None for element in model.elements):
+    if base not in _BUILDERS or carried or inertias or any(element.beam is not None for element in model.elements):
         return None
     arm = arm_of(equations)
     if name not in arm.functions:
         try:
-            arm.functions[name] = equations.build(name, *_BUILDERS[name](arm))
+            built = _product(arm, base, product) if product else _BUILDERS[name](arm)
+            arm.functions[name] = None if built is None else equations.build(name, *built)
         except ZeroDivisionError:
             arm.functions[name] = None
     return arm.functions[name]
+
+
+def _product(arm: Arm, name: str, product: str) -> Built | None:
+    """The product of a function's derivatives, by a recursion of its own where no run-time parameter changes it."""
+    function = recursive_function(arm.equations, name)
+    if function is None or "parameters" in function.name_in() or name not in products.BUILDERS:
+        return None if function is None else products.of_function(arm, function, product)
+    recursive_function(arm.equations, "arm_forward_dynamics")  # (chooses the recursion for accelerations)
+    return products.BUILDERS[name](arm, product)
 
 
 def agrees(equations: Equations) -> bool:
@@ -179,31 +191,11 @@ def _arm_forward_dynamics(arm: Arm) -> Built:
 
 def _accelerations(arm: Arm, force: ca.SX, armature: np.ndarray) -> ca.SX:
     """Accelerations of the arm under forces, expressions in any symbols, with rotors that add to the mass matrix."""
-    q_a, v_a = arm.symbols("q_a", "v_a")
-    n = arm.model.n_a
-    still: list[Scalar] = [0.0] * n
-    own = np.diag(armature).tolist()
-
-    def by_mass_matrix(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
-        q, v, tau = vectors(tape, q_a, v_a, force)
-        h = newton_euler.inverse_dynamics(tape, chain, q, v, still, columns)
-        M = shortest_mass_matrix(tape, chain, q)
-        M = [[x + y for x, y in zip(row, more, strict=True)] for row, more in zip(M, armature.tolist(), strict=True)]
-        return articulated_body.solve_symmetric(tape, M, [x - y for x, y in zip(tau, h, strict=True)])
-
-    def by_articulated_bodies(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
-        q, v, tau = vectors(tape, q_a, v_a, force)
-        turns = [newton_euler.turn_of(tape, joint, x) for joint, x in zip(chain.joints, q, strict=True)]
-        moving = newton_euler.motions(tape, chain, turns, q, v, still, columns)
-        loads = newton_euler.loads(chain, moving)
-        return articulated_body.forward_dynamics(tape, chain, q, loads, turns, tau, own)
-
-    coupled = np.any(armature != np.diag(own))
-    if coupled:
-        return ca.vertcat(*arm.shortest([by_mass_matrix]))
-    if np.any(armature):  # the choice depends on the arm only, not on the function that is asked for first
+    shared = accelerations.kind(armature)
+    if shared and np.any(armature):  # the choice depends on the arm only, not on the function that is asked for first
         recursive_function(arm.equations, "arm_forward_dynamics")
-    return ca.vertcat(*arm.shortest([by_mass_matrix, by_articulated_bodies], kind="accelerations"))
+    routes: list[Route] = [lambda *plan, by=by: by(*plan).a for by in accelerations.routes(arm, force, armature)]
+    return ca.vertcat(*arm.shortest(routes, kind=shared))
 
 
 def _inverse_dynamics_derivatives(arm: Arm) -> Built:

@@ -7,7 +7,7 @@ becomes CasADi graphs at the end.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import casadi as ca
 
@@ -51,6 +51,8 @@ class Value:
 
 
 Scalar = Value | float
+# the angle of a rotation, the derivative in it, and the factors of the other two operands
+_Rotation = tuple[int, Scalar, tuple[tuple[Value, int], ...]]
 
 
 class Tape:
@@ -137,6 +139,10 @@ class Tape:
             first = a.node
         return Value(self, int(first), negative) if c == 1.0 else Value(self, self._node("*c", first, c), negative)
 
+    def constant(self, x: Scalar) -> Scalar:
+        """A value that derivatives take for a constant."""
+        return Value(self, self._node("=", x.node), x.negative) if isinstance(x, Value) else x
+
     def inverse(self, a: Scalar) -> Scalar:
         """``1 / a``; ZeroDivisionError for the number zero."""
         if not isinstance(a, Value):
@@ -147,19 +153,45 @@ class Tape:
 
     def tangents(self, results: Sequence[Scalar], x: Scalar) -> list[Scalar]:
         """Derivatives of results in one symbol, written on the tape as well."""
-        assert isinstance(x, Value) and not x.negative
-        rate: dict[int, Scalar] = {x.node: 1.0}
-        for node in self.find_needed(results):
+        return self._forward(results, [(x, 1.0)], {})
+
+    def gradient(self, result: Scalar, symbols: Sequence[Scalar]) -> list[Scalar]:
+        """Derivatives of one result in symbols, from the result back; written on the tape as well."""
+        return self._backward([(result, 1.0)], symbols, {})
+
+    def jvp(self, results: Sequence[Scalar], tangents: Iterable[tuple[Scalar, Scalar]]) -> list[Scalar]:
+        """Rates of results where symbols ``x`` have the rates of the pairs ``(x, dx)``; rotations as a whole."""
+        return self._forward(results, tangents, self._rotations(results))
+
+    def vjp(self, cotangents: Sequence[tuple[Scalar, Scalar]], symbols: Sequence[Scalar]) -> list[Scalar]:
+        """Derivatives in symbols of the sum of ``weight * result`` over pairs of them; rotations as a whole."""
+        return self._backward(cotangents, symbols, self._rotations([result for result, _ in cotangents]))
+
+    def _forward(
+        self, results: Sequence[Scalar], tangents: Iterable[tuple[Scalar, Scalar]], rotations: dict[int, _Rotation]
+    ) -> list[Scalar]:
+        """Rates of results, operation by operation from the symbols on."""
+        add: Callable[[Scalar, Scalar], Scalar] = self._factored_sum if rotations else lambda x, y: x + y
+        rate: dict[int, Scalar] = {}
+        for x, dx in tangents:
+            assert isinstance(x, Value) and not x.negative
+            rate[x.node] = dx
+        for node in self.find_needed(results, constants=False):
             kind, a, b = self.operations[node]
-            if kind == "symbol":
+            if kind in ("symbol", "="):
                 continue
             da = rate.get(int(a), 0.0)
             first = Value(self, int(a))
-            if kind in "+-*":
+            if node in rotations:
+                angle, slope, terms = rotations[node]
+                found = rate.get(angle, 0.0) * slope
+                for factor, operand in terms:
+                    found = found + factor * rate.get(operand, 0.0)
+            elif kind in ("+", "-"):
                 db = rate.get(int(b), 0.0)
-                found = da + db if kind == "+" else da - db
-                if kind == "*":
-                    found = da * Value(self, int(b)) + db * first
+                found = add(da, db if kind == "+" else -db)
+            elif kind == "*":
+                found = da * Value(self, int(b)) + rate.get(int(b), 0.0) * first
             elif kind in ("+c", "*c"):
                 found = da if kind == "+c" else da * b
             elif kind == "/":
@@ -174,22 +206,30 @@ class Tape:
             out.append(-found if isinstance(result, Value) and result.negative else found)
         return out
 
-    def gradient(self, result: Scalar, symbols: Sequence[Scalar]) -> list[Scalar]:
-        """Derivatives of one result in symbols, from the result back; written on the tape as well."""
-        if not isinstance(result, Value):
-            return [0.0] * len(symbols)
-        weight: dict[int, Scalar] = {result.node: -1.0 if result.negative else 1.0}
+    def _backward(
+        self, cotangents: Sequence[tuple[Scalar, Scalar]], symbols: Sequence[Scalar], rotations: dict[int, _Rotation]
+    ) -> list[Scalar]:
+        """Derivatives of a weighted sum of results, operation by operation from the results back."""
+        weight: dict[int, Scalar] = {}
 
         def add(node: float, x: Scalar) -> None:
             weight[int(node)] = weight.get(int(node), 0.0) + x
 
-        for node in reversed(self.find_needed([result])):
+        for result, w in cotangents:
+            if isinstance(result, Value):
+                add(result.node, -w if result.negative else w)
+        for node in reversed(self.find_needed([result for result, _ in cotangents], constants=False)):
             kind, a, b = self.operations[node]
             w = weight.get(node, 0.0)
-            if kind == "symbol" or not (isinstance(w, Value) or w):
+            if kind in ("symbol", "=") or not (isinstance(w, Value) or w):
                 continue
             first = Value(self, int(a))
-            if kind == "*":
+            if node in rotations:
+                angle, slope, terms = rotations[node]
+                add(angle, w * slope)
+                for factor, x in terms:
+                    add(x, w * factor)
+            elif kind == "*":
                 add(a, w * Value(self, int(b)))
                 add(b, w * first)
             elif kind in "+-":
@@ -203,17 +243,53 @@ class Tape:
                 add(a, -(w * self.sine(first)) if kind == "cos" else w * self.sine(first, cosine=True))
         return [weight.get(x.node, 0.0) if isinstance(x, Value) else 0.0 for x in symbols]
 
+    def _factored_sum(self, x: Scalar, y: Scalar) -> Scalar:
+        """``x + y``, a constant factor of both (2 in the rates of squares) after the sum."""
+        if isinstance(x, Value) and isinstance(y, Value):
+            (kind_x, a, c), (kind_y, b, d) = self.operations[x.node], self.operations[y.node]
+            if kind_x == kind_y == "*c" and c == d:
+                return c * (Value(self, int(a), x.negative) + Value(self, int(b), y.negative))
+        return x + y
+
+    def _rotations(self, results: Sequence[Scalar]) -> dict[int, _Rotation]:
+        """The operations ``cos(angle) x +- sin(angle) y`` that results need, each with its derivatives.
+
+        The derivative in the angle is the other component of the rotated vector, which is on the tape as a rule: two
+        operations, where the derivatives of cosine and sine would take seven.
+        """
+        found: dict[int, _Rotation] = {}
+        for node in self.find_needed(results, constants=False):
+            kind, *sides = self.operations[node]
+            if kind not in ("+", "-"):
+                continue
+            terms: list[tuple[str, int, Value, int]] = []  # cos or sin, angle, signed factor, x
+            for side, negative in zip(sides, (False, kind == "-"), strict=True):
+                product, *factors = self.operations[int(side)]
+                for first, other in (factors, factors[::-1]) if product == "*" else ():
+                    function, angle, _ = self.operations[int(first)]
+                    if function in ("cos", "sin"):
+                        terms.append((function, int(angle), Value(self, int(first), negative), int(other)))
+                        break
+            if len(terms) == 2 and {terms[0][0], terms[1][0]} == {"cos", "sin"} and terms[0][1] == terms[1][1]:
+                slope: Scalar = 0.0
+                for function, argument, factor, x in terms:
+                    turned = self.sine(Value(self, argument), cosine=function == "sin") * Value(self, x)
+                    slope = slope - turned if (function == "cos") != factor.negative else slope + turned
+                found[node] = terms[0][1], slope, tuple((factor, x) for _, _, factor, x in terms)
+        return found
+
     # --- results---------------------------------------------------------------------------------------
 
-    def find_needed(self, results: Iterable[Scalar]) -> list[int]:
-        """The operations that results need, operands first."""
+    def find_needed(self, results: Iterable[Scalar], constants: bool = True) -> list[int]:
+        """The operations that results need, operands first; or without those of values taken for a `constant`."""
         wanted: set[int] = set()
         stack = [x.node for x in results if isinstance(x, Value)]
         while stack:
             node = stack.pop()
             if node not in wanted:
                 wanted.add(node)
-                stack.extend(self.operands(node))
+                if constants or self.operations[node][0] != "=":
+                    stack.extend(self.operands(node))
         return sorted(wanted)
 
     def operands(self, node: int) -> tuple[int, ...]:
@@ -279,6 +355,8 @@ class Tape:
                     built[node] = b * x
                 case "/":
                     built[node] = 1 / x
+                case "=":
+                    built[node] = x
                 case "sin":
                     built[node] = ca.sin(x)
                 case _:

@@ -40,7 +40,9 @@ def torques(chain, given, columns=True) -> np.ndarray:
     return values(ca.Function("tau", symbols, [ca.vertcat(*tape.build(tau))], ["q_a", "v_a", "a_a"], ["tau"]), given)[0]
 
 
-@pytest.mark.parametrize("name", ["manutec_r3", "synthetic_elastic", "dense7", "sliding8", "six_axes"])
+@pytest.mark.parametrize(
+    "name", ["manutec_r3", pytest.param("synthetic_elastic", marks=pytest.mark.slow), "dense7", "sliding8", "six_axes"]
+)
 def test_regrouping_changes_no_torque(name):
     """Whatever is kept or moved on, torques and mass matrix stay."""
     equations = equations_of(name)

@@ -14,6 +14,7 @@ from flexgen.mechanics.signatures import (
     TABLE,
     Row,
     offered_functions,
+    split_product,
 )
 
 IN_C_ONLY = {"arm_forward_derivatives", "mass_matrix_packed"}  # emitted from others
@@ -52,8 +53,9 @@ def differences(equations: Equations, row: Row) -> list[str]:
 
 
 def test_every_function_has_one_row_and_stands_in_the_docstring() -> None:
-    assert sorted(ROWS) == sorted(BUILDERS) and len(TABLE) + len(PYTHON_TABLE) == len(ROWS) + len(IN_C_ONLY)
-    for name, row in ROWS.items():
+    own = {name: row for name, row in ROWS.items() if not split_product(name)[1]}
+    assert sorted(own) == sorted(BUILDERS) and len(TABLE) + len(PYTHON_TABLE) == len(ROWS) + len(IN_C_ONLY)
+    for name, row in own.items():
         assert f"    {name}({', '.join(row.inputs.split())}) -> " in (Equations.__doc__ or "")
 
 
@@ -61,7 +63,9 @@ def test_every_function_has_one_row_and_stands_in_the_docstring() -> None:
 def test_rows_have_the_names_and_shapes_of_the_functions(model: str) -> None:
     equations = derive(model)
     left_out = set(FLEXIBLE_JOINT) - set(offered_functions(equations.model))
-    rows = [row for name, row in ROWS.items() if name not in left_out]
+    rows = [row for name, row in ROWS.items() if split_product(name)[0] not in left_out]
+    if model not in ("elbow", "planar5_nmp"):  # (the others' products take seconds)
+        rows = [row for row in rows if not split_product(row.name)[1]]
     assert [text for row in rows for text in differences(equations, row)] == []
 
 
