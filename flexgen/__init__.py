@@ -23,6 +23,7 @@ _VERBS = {
     "plan_problem": "flexgen.planning.problem",
     "solve": "flexgen.inversion.solve",
     "sweep": "flexgen.sweeps.sweep",
+    "compare": "flexgen.loop.comparison",
     "simulate": "flexgen.simulation.simulate",
     "generate": "flexgen.library.generate",
     "load": "flexgen.runtime.library",
@@ -40,23 +41,127 @@ _VERBS = {
     "kinematics": "flexgen.inverse_kinematics.search",
     "learn": "flexgen.performance.learn",
     "export": "flexgen.exports.added",
-    "export_fmu": "flexgen.exports.fmu.export",
     "score": "flexgen.benchmarks.score",
-    "export_mex": "flexgen.exports.mex.export",
-    "export_plcopen": "flexgen.exports.plcopen.export",
-    "export_ros2": "flexgen.exports.ros2.export",
-    "export_selftest": "flexgen.exports.selftest.export",
-    "export_simulink": "flexgen.exports.simulink.export",
-    "export_mujoco": "flexgen.exports.mujoco",
-    "export_urdf": "flexgen.exports.urdf",
     "schema": "flexgen.file_schema",
     "view": "flexgen.reports.view",
+}
+# Exports, by the name of the command; each is the function ``export_NAME`` of its module.
+registry.EXPORTS |= {
+    "fmu": registry.Export(
+        "flexgen.exports.fmu.export",
+        "[FMU](fmu.md)",
+        "Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs.",
+        """
+    content
+        block NAME in=plant/feedforward/controller: plant (default): the elastic robot; feedforward: inverse dynamics on
+            a moving horizon; controller: a P-PI cascade
+        version VERSION in=2.0/3.0 --fmi: version of FMI: 2.0 (default) or 3.0
+    options of a block
+        method NAME in=rk4/sdirk4: plant in Co-Simulation: rk4 (default), explicit, or sdirk4, implicit and L-stable,
+            for stiff springs
+        step S positive: its largest step [s]; default: from the fastest pole at home
+        controller FILE text: of type ppi or cascade (.toml); default: PPI for the model
+        sample_time S positive: sample time of the controller [s]; default: 0.001
+        look_ahead S positive: horizon of the feedforward [s]; default: from the unstable zeros
+    files
+        out FILE: write to this file (.fmu); default: generated/MODEL.fmu
+        no_binary old=--sources-only: without a binary for this platform
+""",
+    ),
+    "mujoco": registry.Export(
+        "flexgen.exports.mujoco",
+        "[exchange](exchange.md)",
+        "Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations.",
+        """
+    content
+        friction NAME in=exact/viscous/dry: exact (the default): a model with Coulomb or Stribeck friction is refused;
+            viscous: these are left out; dry: Coulomb friction as MuJoCo has it, with other accelerations
+    files
+        out FILE required: write the MJCF file, FILE.xml
+""",
+    ),
+    "urdf": registry.Export(
+        "flexgen.exports.urdf",
+        "[exchange](exchange.md)",
+        "Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF cannot contain.",
+        """
+    files
+        out FILE required: write the URDF file, FILE.urdf, and next to it the overlay, FILE.toml
+""",
+    ),
+    "selftest": registry.Export(
+        "flexgen.exports.selftest.export",
+        "[PLC](plc.md)",
+        "Write a C program that tests the library on its target, with results of Lagrange's equations: PASS or FAIL.",
+        """
+    content
+        precision NAME in=double/single old=--single=single: of the library; default: {default}
+        move NAME: the move that the stream follows; default: the first
+        no_motion: without a stream along a move
+    files
+        out DIR once old=--directory: where to write; default: exports/<model>_selftest
+        @replace
+""",
+    ),
+    "ros2": registry.Export(
+        "flexgen.exports.ros2.export",
+        "[ROS 2](ros2.md)",
+        "Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream and P-PI control.",
+        """
+    content
+        package NAME: of the package; default: flexgen_<model>
+        no_controller: the plugin of inverse dynamics only
+        no_gains: leave the gains of the controller open
+    package.xml
+        maintainer TEXT: name for package.xml; default: {default}
+        email TEXT: address for package.xml; default: {default}
+        license_name TEXT old=--license: license for package.xml; default: {default}
+    files
+        out DIR once old=--directory: where to write; default: exports/<package>
+        @replace
+""",
+    ),
+    "mex": registry.Export(
+        "flexgen.exports.mex.export",
+        "[MATLAB](matlab.md)",
+        "Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, and a stream.",
+        """
+    files
+        out DIR once old=--directory: where to write; default: exports/<model>_mex
+        @replace
+""",
+    ),
+    "simulink": registry.Export(
+        "flexgen.exports.simulink.export",
+        "[MATLAB](matlab.md)",
+        "Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of inverse dynamics.",
+        """
+    content
+        @no_stream
+    files
+        out DIR once old=--directory: where to write; default: exports/<model>_simulink
+        @replace
+""",
+    ),
+    "plcopen": registry.Export(
+        "flexgen.exports.plcopen.export",
+        "[PLC](plc.md)",
+        "Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C.",
+        """
+    content
+        @no_stream
+    files
+        out DIR once old=--directory: where to write; default: exports/<model>_plcopen
+        @replace
+""",
+    ),
 }
 _NOUNS = {
     "Analysis": "flexgen.analysis.analyze",
     "Cascade": "flexgen.loop.controllers",
     "Check": "flexgen.plausibility.finding",
     "CollisionDetector": "flexgen.observers.collision",
+    "Comparison": "flexgen.loop.comparison",
     "ComputedTorque": "flexgen.laws.linearising",
     "Configuration": "flexgen.inverse_kinematics.search",
     "ConstantGainObserver": "flexgen.observers.constant_gain",
@@ -138,7 +243,8 @@ _NOUNS = {
     "random_moves": "flexgen.sweeps.cases",
 }
 _ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
-_PUBLIC = _VERBS | _NOUNS | _ERRORS
+_EXPORTS = {f"export_{name}": export.module for name, export in registry.EXPORTS.items()}
+_PUBLIC = _VERBS | _EXPORTS | _NOUNS | _ERRORS
 _FORMER = {  # names of version 0.2
     "ExportedFmu": "Exported",
     "Fastest": "FastestMove",
@@ -166,7 +272,21 @@ _RESULTS = {
     "Analysis._repr_html_": "flexgen.reports.analysis_page:tables",
     "Analysis.plot": "flexgen.plots.linear:plot_analysis",
     "Analysis.report": "flexgen.reports.analysis_page:write_analysis",
+    "Analysis.to_text": "flexgen.reports.texts:text_of_analysis",
+    "Check.to_text": "flexgen.reports.texts:text_of_check",
+    "ControlRun.to_text": "flexgen.reports.control_texts:text_of_control",
+    "Experiment.to_text": "flexgen.reports.identification_texts:text_of_experiment",
+    "Frf.to_text": "flexgen.reports.identification_texts:text_of_responses",
+    "IdentificationResult.to_text": "flexgen.reports.identification_texts:text_of_identification",
+    "MotionFit.to_text": "flexgen.reports.identification_texts:text_of_motion_fit",
+    "Path.to_text": "flexgen.reports.texts:text_of_path",
+    "RigidIdentification.to_text": "flexgen.reports.identification_texts:text_of_rigid",
+    "Simulation.to_text": "flexgen.reports.texts:text_of_simulation",
+    "Solution.to_text": "flexgen.reports.texts:text_of_solution",
+    "SweepResult.to_text": "flexgen.reports.texts:text_of_sweep",
     "Analysis.to_control": "flexgen.analysis.control_system:control_system",
+    "Comparison.plot": "flexgen.plots.along_path:plot_comparison",
+    "Comparison.report": "flexgen.reports.html:report_comparison",
     "ControlRun.plot": "flexgen.plots.control:plot_control",
     "ControlRun.report": "flexgen.reports.control_page:write_control",
     "FeedbackStudy.plot": "flexgen.plots.feedback_study:plot_feedback_study",
@@ -182,7 +302,7 @@ _RESULTS = {
 }
 for _group, _targets in {
     "results": _RESULTS,
-    "exports": {verb[7:]: f"{module}:{verb}" for verb, module in _VERBS.items() if verb.startswith("export_")},
+    "exports": {name: f"{export.module}:export_{name}" for name, export in registry.EXPORTS.items()},
     "methods": {
         "discretized": "flexgen.lab.methods:DISCRETIZED",
         "bdf": "flexgen.lab.methods:BDF",

@@ -55,6 +55,8 @@ from flexgen.laws.study import Trial as Trial
 from flexgen.laws.study import feedback_study as feedback_study
 from flexgen.library.generate import GeneratedLibrary as GeneratedLibrary
 from flexgen.library.generate import generate as generate
+from flexgen.loop.comparison import Comparison as Comparison
+from flexgen.loop.comparison import compare as compare
 from flexgen.loop.control import control as control
 from flexgen.loop.controllers import Cascade as Cascade
 from flexgen.loop.controllers import Linear as Linear

@@ -37,6 +37,11 @@ class _Short(Repr):
 _SHORT = _Short()
 
 
+def duration(seconds: float) -> str:
+    """A time as text: ``4 s``, ``3 min``."""
+    return f"{max(seconds, 1.0):.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
 class Figure(NamedTuple):
     """A figure of a result: its name, its value (None where there is none), its unit, and its key in JSON."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 GIVEN, MESSAGE = 600, 4000  # characters of what was given, and of a message, that are shown
@@ -28,6 +29,14 @@ def _shorten(text: str, most: int) -> str:
     if left <= 0:
         return text
     return f"{text[: most * 3 // 5]} ... ({left} characters) ... {text[len(text) - most // 4 :]}"
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """``; did you mean 'solve'?`` if a known word is similar; else an empty text."""
+    import difflib
+
+    similar = difflib.get_close_matches(word, list(known), 1)
+    return f"; did you mean {similar[0]!r}?" if similar else ""
 
 
 class FlexgenError(Exception):

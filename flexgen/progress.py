@@ -24,6 +24,10 @@ R = TypeVar("R")
 _inside: ContextVar[bool] = ContextVar("inside", default=False)  # a call that reports is under way
 
 
+def silent(line: str) -> None:
+    """The progress function that shows nothing."""
+
+
 def is_interactive() -> bool:
     """Whether messages are seen: standard error is a terminal, or this is a notebook."""
     if _in_notebook():

@@ -23,10 +23,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 from flexgen.errors import ArgumentError
 
+
+class Export(NamedTuple):
+    """An export of flexgen: the module of its function, its page in docs/, what its command does, and its options.
+
+    The options are rows of `flexgen.verb_rows`.
+    """
+
+    module: str
+    page: str
+    summary: str
+    options: str
+
+
+EXPORTS: dict[str, Export] = {}  # by name of the command, filled by `flexgen`
 _TARGETS: dict[str, dict[str, str]] = {}
 
 

@@ -1,7 +1,7 @@
-"""The protocol of public results: `to_dict`, `save`, `plot`, `report`, and a table in notebooks.
+"""The protocol of public results: `to_dict`, `to_text`, `save`, `plot`, `report`, and a table in notebooks.
 
 What an upper room draws or writes for a class in its own way is a viewer: the function ``CLASS.plot``,
-``CLASS.report`` or ``CLASS._repr_html_`` of the group ``results`` of `flexgen.registry`.
+``CLASS.report``, ``CLASS.to_text`` or ``CLASS._repr_html_`` of the group ``results`` of `flexgen.registry`.
 """
 
 from __future__ import annotations
@@ -85,6 +85,11 @@ class Result:
         if path is not None:
             registry.find_function("Result.picture")(figure, path)
         return figure
+
+    def to_text(self) -> str:
+        """The result as text with tables, as the command line prints it."""
+        own = _viewer(type(self), "to_text")
+        return str(self) if own is None else str(own(self))
 
     def report(self, folder: str | Path) -> Path:
         """Write a self-contained HTML page with tables and pictures to a folder.

@@ -55,13 +55,17 @@ class Option:
 
 @dataclass(frozen=True)
 class Verb:
-    """A verb, or a kind of ``export``; ``model``: "required", "optional" or "none"."""
+    """A verb, or a kind of ``export``; ``model``: "required", "optional" or "none".
+
+    ``summary``: what it does; empty: the first line of the docstring of its function in `flexgen.cli.verbs`.
+    """
 
     name: str
     action: str
     function: str
     model: str
     old: str = ""
+    summary: str = ""
     sections: dict[str, list[Option]] = field(default_factory=dict)
 
     def options(self) -> Iterator[Option]:

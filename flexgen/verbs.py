@@ -5,27 +5,30 @@ function that it calls. An option: the parameter of that function, the placehold
 type of the value, and its help; names and defaults are those of the parameters, ``no_X`` switches X off. All words are
 explained in `flexgen.verb_rows`.
 
-Parser, help and completion of the command line are rendered from these rows.
+Parser, help and completion of the command line are rendered from these rows; those of exports are in
+`flexgen.registry`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
+from flexgen.identification.average_names import AverageName
 from flexgen.inversion.method_table import method_names
-from flexgen.registry import names
+from flexgen.registry import EXPORTS, Export, names
 from flexgen.simulation.hold_names import HOLDS
+from flexgen.templates.template_names import TEMPLATES
 from flexgen.verb_rows import Option, Verb, verbs_of
 
 LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an error needs them
     "METHODS": method_names,
     "HOLDS": lambda: tuple(HOLDS),
     "LAWS": lambda: names("laws"),
-    "AVERAGES": lambda: ("arithmetic", "harmonic", "logarithmic", "h1"),
+    "AVERAGES": lambda: get_args(AverageName),
     "SHELLS": lambda: ("bash", "zsh", "fish"),
-    "TEMPLATES": lambda: ("planar", "gantry", "scara", "six-axis"),
+    "TEMPLATES": lambda: TEMPLATES,
 }
 PHRASES = {
     "CONTROLLERS": "a file .toml, .py (or file.py:Class) or a shared library",
@@ -309,66 +312,9 @@ tune | control:tune | tune
         seed N whole_0: of the other starts; default: {default}
     files
         out FILE toml_file required: write the controller to this file
-export fmu MODEL | export:fmu | export_fmu
-    content
-        block NAME in=plant/feedforward/controller: plant (default): the elastic robot; feedforward: inverse dynamics on
-            a moving horizon; controller: a P-PI cascade
-        version VERSION in=2.0/3.0 --fmi: version of FMI: 2.0 (default) or 3.0
-    options of a block
-        method NAME in=rk4/sdirk4: plant in Co-Simulation: rk4 (default), explicit, or sdirk4, implicit and L-stable,
-            for stiff springs
-        step S positive: its largest step [s]; default: from the fastest pole at home
-        controller FILE text: of type ppi or cascade (.toml); default: PPI for the model
-        sample_time S positive: sample time of the controller [s]; default: 0.001
-        look_ahead S positive: horizon of the feedforward [s]; default: from the unstable zeros
-    files
-        out FILE: write to this file (.fmu); default: generated/MODEL.fmu
-        no_binary old=--sources-only: without a binary for this platform
-export mujoco MODEL | export:mujoco | export_mujoco
-    content
-        friction NAME in=exact/viscous/dry: exact (the default): a model with Coulomb or Stribeck friction is refused;
-            viscous: these are left out; dry: Coulomb friction as MuJoCo has it, with other accelerations
-    files
-        out FILE required: write the MJCF file, FILE.xml
-export urdf MODEL | export:urdf | export_urdf
-    files
-        out FILE required: write the URDF file, FILE.urdf, and next to it the overlay, FILE.toml
-export selftest MODEL | export:selftest | export_selftest
-    content
-        precision NAME in=double/single old=--single=single: of the library; default: {default}
-        move NAME: the move that the stream follows; default: the first
-        no_motion: without a stream along a move
-    files
-        out DIR once old=--directory: where to write; default: exports/<model>_selftest
-        @replace
-export ros2 MODEL | export:ros2 | export_ros2
-    content
-        package NAME: of the package; default: flexgen_<model>
-        no_controller: the plugin of inverse dynamics only
-        no_gains: leave the gains of the controller open
-    package.xml
-        maintainer TEXT: name for package.xml; default: {default}
-        email TEXT: address for package.xml; default: {default}
-        license_name TEXT old=--license: license for package.xml; default: {default}
-    files
-        out DIR once old=--directory: where to write; default: exports/<package>
-        @replace
-export mex MODEL | export:mex | export_mex
-    files
-        out DIR once old=--directory: where to write; default: exports/<model>_mex
-        @replace
-export simulink MODEL | export:simulink | export_simulink
-    content
-        @no_stream
-    files
-        out DIR once old=--directory: where to write; default: exports/<model>_simulink
-        @replace
-export plcopen MODEL | export:plcopen | export_plcopen
-    content
-        @no_stream
-    files
-        out DIR once old=--directory: where to write; default: exports/<model>_plcopen
-        @replace
+"""
+
+LAST_ROWS = """
 view MODEL | export:view | view
     motion
         @move
@@ -396,13 +342,24 @@ completion | completion:completion
         <shell> SHELL in=SHELLS: {SHELLS}
 """
 
+ADDED = Export(
+    "",
+    "",
+    "Write the robot by an exporter of another package.",
+    "\n    files\n        out PATH required: write this file or folder",
+)
+
+
+def export_row(name: str, export: Export = ADDED) -> Verb:
+    """The verb of an export; default: of an exporter of another package, see `flexgen.registry`."""
+    function = f"| export_{name}" if export.module else ""
+    rows = verbs_of(f"export {name} MODEL | export:export {function}{export.options}", SHARED)
+    return replace(rows[f"export {name}"], summary=export.summary)
+
+
 VERBS: dict[str, Verb] = verbs_of(ROWS, SHARED)
-
-
-def export_row(kind: str) -> Verb:
-    """The row of an exporter of another package, see `flexgen.registry`."""
-    rows = "export KIND MODEL | export:added\n    files\n        out PATH required: write this file or folder"
-    return replace(verbs_of(rows, "")["export KIND"], name=f"export {kind}")
+VERBS |= {f"export {name}": export_row(name, export) for name, export in EXPORTS.items()}
+VERBS |= verbs_of(LAST_ROWS, SHARED)
 
 
 def choices_of(option: Option) -> tuple[str, ...]:

@@ -204,10 +204,10 @@ def _main(words: list[str]) -> int:
 
 def _run(args: argparse.Namespace, messages: _Messages) -> int:
     """Run the verb, print its result, return the exit status."""
-    from flexgen.cli.printing import fit_tables, terminal_width
     from flexgen.cli.result import check_outputs
     from flexgen.cli.verbs.check import implausible
     from flexgen.display import as_json
+    from flexgen.reports.text_tables import fit_tables, terminal_width
 
     result, problem, status = None, "", SUCCESS
     interrupts: list[int] = []

@@ -127,8 +127,8 @@ def _action(verb: Verb) -> Any:
 
 
 def _summary(verb: Verb) -> str:
-    """What a verb does: the first line of the docstring of its function."""
-    return (_action(verb).__doc__ or "").strip().partition("\n")[0]
+    """What a verb does: of its row, or the first line of the docstring of its function."""
+    return verb.summary or (_action(verb).__doc__ or "").strip().partition("\n")[0]
 
 
 def _add_verb(group: Any, name: str, verb: Verb, root: Parser) -> None:
@@ -216,8 +216,9 @@ def _add_message_arguments(parser: Parser) -> None:
 
 def _function_list() -> str:
     """The functions of `flexgen.mechanics.signatures`, one paragraph each."""
-    from flexgen.mechanics.signatures import TABLE
+    from flexgen.mechanics.signatures import PRODUCTS, TABLE, split_product
 
     width = max(min(100, shutil.get_terminal_size().columns - 2), 60)
     layout: dict[str, Any] = {"subsequent_indent": " " * 32, "break_on_hyphens": False}
-    return "\n".join(textwrap.fill(r.summary, width, initial_indent=f"  {r.name:<30}", **layout) for r in TABLE)
+    rows = [(row.name, row.summary) for row in TABLE if not split_product(row.name)[1]] + list(PRODUCTS)
+    return "\n".join(textwrap.fill(summary, width, initial_indent=f"  {name:<30}", **layout) for name, summary in rows)

@@ -5,8 +5,9 @@ Nothing heavy is imported before a verb runs, so that help and usage errors appe
 
 from __future__ import annotations
 
+import time
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from flexgen.results import Result
 
 Progress = Callable[[str], None]  # prints a progress message
+EVERY = 2.0  # s between progress messages
 
 
 @dataclass
@@ -122,12 +124,34 @@ def alone(args: Namespace, option: str, *others: str) -> None:
         raise ArgumentError(f"{option}: given with {names}, expected without: with {option} that has no effect")
 
 
-def written(args: Namespace, result: Result, key: str = "trajectory") -> tuple[dict[str, Any], list[str]]:
-    """Write a result to ``--out`` and its report to ``--report``, where given: the paths as data and as lines."""
-    data: dict[str, Any] = {key: None if args.out is None else str(result.save(args.out))}
-    if getattr(args, "report", None) is not None:
-        data["report"] = str(result.report(args.report))
-    return data, [f"wrote {path}" for path in data.values() if path is not None]
+def written(args: Namespace, result: Result) -> dict[str, Path | None]:
+    """Write a result to ``--out`` and its report to ``--report``, where given: the paths by their names in JSON."""
+    data: dict[str, Path | None] = {"trajectory": None if args.out is None else result.save(args.out)}
+    if args.report is not None:
+        data["report"] = result.report(args.report)
+    return data
+
+
+def with_files(
+    text: str, data: Mapping[str, Any], files: Mapping[str, Path | None], problem: str = "", **more: Any
+) -> VerbResult:
+    """The result of a verb that wrote files: their paths are in the data, and a line each below the text."""
+    lines = "\n".join(f"wrote {path}" for path in files.values() if path is not None)
+    paths = {key: None if path is None else str(path) for key, path in files.items()}
+    return VerbResult({**data, **paths}, f"{text}\n\n{lines}" if lines else text, problem, **more)
+
+
+def throttle(log: Progress) -> Progress:
+    """Print a message now and then."""
+    last = time.monotonic()
+
+    def tell(text: str) -> None:
+        nonlocal last
+        if time.monotonic() - last > EVERY:
+            last = time.monotonic()
+            log(text)
+
+    return tell
 
 
 def check_report(directory: Path | None) -> None:

@@ -26,6 +26,7 @@ GRADING = 1.5  # ratio of adjacent intervals before the path
 SETTLING = 15.0  # time constants after the path; the solution is cut where the motion has decayed, see `settling`
 LAGS = 20.0  # time constants D / K of the slowest gear after the path: its deflection has decayed by 2e-9
 LONGEST_SETTLING = 5.0  # s
+ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
 HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
 POSES = 5  # along the path, where its zeros are computed
@@ -53,7 +54,7 @@ class InversionProblem:
     mesh: float | None = None
     limits: Limits | None = None
     verify: bool = True
-    accuracy: float = 1e-5
+    accuracy: float = ACCURACY
     progress: Callable[[str], None] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 

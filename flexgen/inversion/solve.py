@@ -17,7 +17,7 @@ from flexgen.inversion.choice import check_applies, default_method, further_meth
 from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
-from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
+from flexgen.inversion.problem import ACCURACY, HELD, INTERVALS, InversionProblem
 from flexgen.inversion.reached import BestSolution, stage_of
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
@@ -36,7 +36,6 @@ from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types
 
-ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
 ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
 ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something

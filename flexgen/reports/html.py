@@ -19,6 +19,7 @@ from flexgen.inversion.bounds import Limits
 from flexgen.inversion.comparison import error_rows
 from flexgen.inversion.solution import Figure, Solution
 from flexgen.inversion.status import Status
+from flexgen.loop.comparison import Comparison
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.plots import solution as plots
@@ -368,3 +369,9 @@ def figure_element(picture: Picture, directory: Path) -> str:
 def report_solution(solution: Solution, folder: str | Path) -> Path:
     """Write the report of a solution, see `flexgen.Solution.report`."""
     return write_report(derive(solution.model), solution, folder)
+
+
+def report_comparison(comparison: Comparison, folder: str | Path) -> Path:
+    """Write the report of a solution with the tables of a comparison, see `flexgen.compare`."""
+    solution, rows = comparison.solution, comparison.robustness
+    return write_report(derive(solution.model), solution, folder, compared=comparison.solutions, robustness=rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from flexgen.cli.printing import paragraph, table
 from flexgen.cli.result import Progress, VerbResult, derive_model
 from flexgen.errors import FlexgenError
 
@@ -16,11 +15,8 @@ def check(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.plausibility.check import check as check_model
 
     found = check_model(derive_model(args))
-    rows = [[f.mark, f.key, f.quantity, f.value, f.usual] for f in found.findings]
-    parts = [table(rows, ("mark", "key", "quantity", "value", "usual")), found.summary()]
-    parts += [paragraph(f"{f.mark}: {f.key}, {f.quantity}: {f.advice}") for f in (*found.errors, *found.warnings)]
     problem = f"{len(found.errors)} errors, the worst: {found.worst}" if found.worst is not None else ""
-    return VerbResult(found.to_dict(), "\n\n".join(parts), problem)
+    return VerbResult(found.to_dict(), found.to_text(), problem)
 
 
 def implausible(args: Namespace) -> str:

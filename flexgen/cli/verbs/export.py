@@ -4,52 +4,31 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace
-from collections.abc import Callable
 
 import flexgen
 from flexgen.atomic_files import write_text
 from flexgen.cli.defaults import defaults_of
-from flexgen.cli.printing import paragraph, table
 from flexgen.cli.result import Progress, VerbResult, keywords, read_model
 from flexgen.errors import ArgumentError
+from flexgen.reports.text_tables import paragraph, table
 
 
-def _export(summary: str) -> Callable[[Namespace, Progress], VerbResult]:
-    """A verb that calls the public function of its row and prints what it wrote; its summary is the docstring."""
-
-    def export(args: Namespace, log: Progress) -> VerbResult:
-        robot, function = read_model(args), args.row.function
-        if function:
-            told = {"progress": log} if "progress" in defaults_of(function) else {}
-            made = getattr(flexgen, function)(robot, args.out, **keywords(args), **told)
-        else:
-            made = flexgen.export(args.kind, robot, args.out)
-        text = made.summary()
-        if made.path.is_dir():
-            text = f"{robot.title}: {made.kind} in {made.path}\n\n{text}"
-        if "variables" in made.details:
-            shown = [v for v in made.details["variables"] if v.causality != "local"]
-            rows = [[v.name, v.causality, v.unit or "-", v.text] for v in shown]
-            text = f"{paragraph(text)}\n\n{table(rows, ('variable', 'causality', 'unit', 'meaning'))}"
-        return VerbResult(made.to_dict() | {"out": str(made)}, text)
-
-    export.__doc__ = summary
-    return export
-
-
-fmu = _export("Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs.")
-mujoco = _export("Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations.")
-urdf = _export("Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF cannot contain.")
-selftest = _export(
-    "Write a C program that tests the library on its target, with results of Lagrange's equations: PASS or FAIL."
-)
-ros2 = _export("Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream and P-PI control.")
-mex = _export("Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, and a stream.")
-simulink = _export(
-    "Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of inverse dynamics."
-)
-plcopen = _export("Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C.")
-added = _export("Write the robot by an exporter of another package.")
+def export(args: Namespace, log: Progress) -> VerbResult:
+    """Call the public function of the row, or an exporter of another package, and print what it wrote."""
+    robot, function = read_model(args), args.row.function
+    if function:
+        told = {"progress": log} if "progress" in defaults_of(function) else {}
+        made = getattr(flexgen, function)(robot, args.out, **keywords(args), **told)
+    else:
+        made = flexgen.export(args.kind, robot, args.out)
+    text = made.summary()
+    if made.path.is_dir():
+        text = f"{robot.title}: {made.kind} in {made.path}\n\n{text}"
+    if "variables" in made.details:
+        shown = [v for v in made.details["variables"] if v.causality != "local"]
+        rows = [[v.name, v.causality, v.unit or "-", v.text] for v in shown]
+        text = f"{paragraph(text)}\n\n{table(rows, ('variable', 'causality', 'unit', 'meaning'))}"
+    return VerbResult(made.to_dict() | {"out": str(made)}, text)
 
 
 def schema(args: Namespace, log: Progress) -> VerbResult:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model
-from flexgen.cli.verbs.identify_motion import OF_RESPONSES, rigid, segments
+from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, throttle, with_files
 from flexgen.errors import ArgumentError
+from flexgen.reports.text_tables import number
 
-EVERY = 2.0  # s between progress messages
 HARDWARE = {  # options of `excite` and the fields of DriveHardware
     "sample_time": "sample_s",
     "delay": "delay_s",
@@ -20,58 +18,29 @@ HARDWARE = {  # options of `excite` and the fields of DriveHardware
     "encoder_noise": "encoder_noise_rad",
     "torque_noise": "torque_noise_Nm",
 }
-
-
-def throttle(log: Progress) -> Callable[[str], None]:
-    """Print a message now and then."""
-    last = time.monotonic()
-
-    def tell(text: str) -> None:
-        nonlocal last
-        if time.monotonic() - last > EVERY:
-            last = time.monotonic()
-            log(text)
-
-    return tell
+OF_RESPONSES = ("residual", "floor", "starts", "refine", "move", "truth")  # options of fits to frequency responses
 
 
 def excite(args: Namespace, log: Progress) -> VerbResult:
     """Plan an experiment for identification: poses, multisines, expected accuracy."""
     from flexgen.identification.experiments.plan import excite as plan_experiment
     from flexgen.loop.hardware import DriveHardware
+    from flexgen.reports.identification_texts import plan_text
 
     model = read_model(args)
     hardware = DriveHardware.from_model(model, **{HARDWARE[x]: getattr(args, x) for x in HARDWARE if x in args.given})
     plan = plan_experiment(model, hardware=hardware, **keywords(args), progress=throttle(log))
-    plan.save(args.out)
-    written = [str(args.out)]
-    if args.references is not None:
-        written.append(f"{args.references}, {len(plan.write_references(args.references))} files of references")
-    joints = (plan.poses @ _inverse(model).T).tolist()
-    rows = [[name, 100 * sd] for name, sd in plan.predicted.items()]
-    text = "\n".join(
-        [
-            f"{model.name}: {len(plan.poses)} poses, {plan.realizations * plan.experiments} experiments each, "
-            f"{len(plan.lines)} lines from {number(plan.frequencies[0])} to {number(plan.frequencies[-1])} Hz",
-            f"time of the robot: {number(plan.duration_s)} s",
-            "",
-            table(
-                [[k, *q] for k, q in enumerate(joints, 1)], ("pose", *(model.coordinates[i].name for i in model.i_g))
-            ),
-            "",
-            table(rows, ("parameter", "expected standard deviation, %")),
-            "",
-            *(f"wrote {line}" for line in written),
-        ]
-    )
     data = {
         "model": model.name,
-        "plan": str(args.out),
+        "plan": str(plan.save(args.out)),
         "duration_s": plan.duration_s,
         "frequencies_Hz": plan.frequencies.tolist(),
-        "poses": joints,
+        "poses": plan.joints(model).tolist(),
         "expected_relative_sd": plan.predicted,
     }
+    text = f"{plan_text(plan, model)}\n\nwrote {args.out}"
+    if args.references is not None:
+        text += f"\nwrote {args.references}, {len(plan.write_references(args.references))} files of references"
     return VerbResult(data, text)
 
 
@@ -90,238 +59,143 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
         writer = RecordingWriter(args.raw, plan, robot)
     experiment = simulate(plan, robot, raw=writer, **keywords(args, "raw"), progress=throttle(log))
     wall = time.perf_counter() - began
-    experiment.save(args.out)
-    text = (
-        f"{robot.name}: {number(plan.duration_s)} s of robot in {number(wall)} s\n\n"
-        + table(
-            [[k, *speed] for k, speed in enumerate(experiment.speed_sd.tolist(), 1)],
-            ("pose", *(f"{name}, rad/s rms" for name in plan.motors)),
-        )
-        + f"\n\nwrote {args.out}"
-    )
     data = {
         "model": robot.name,
-        "experiment": str(args.out),
+        "experiment": str(experiment.save(args.out)),
         "duration_s": plan.duration_s,
         "wall_s": wall,
         "speed_rms_rad_s": experiment.speed_sd.tolist(),
         "samples_at_torque_limit": experiment.saturated.tolist(),
     }
+    text = f"{robot.name}: {number(plan.duration_s)} s of robot in {number(wall)} s\n\n"
+    text += f"{experiment.to_text()}\n\nwrote {args.out}"
     if writer is not None:
         data["recordings"] = str(writer.finish())
         text += f"\nwrote {data['recordings']}, {len(writer.files)} files with all samples"
-    warnings = []
-    if experiment.saturated.any():
-        warnings.append("torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms")
-    return VerbResult(data, text, warnings=warnings)
+    limited = "torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms"
+    return VerbResult(data, text, warnings=[limited] if experiment.saturated.any() else [])
 
 
 def frf(args: Namespace, log: Progress) -> VerbResult:
     """Estimate frequency responses and their noise from an experiment."""
-    from flexgen.identification.experiments.experiment import Experiment
     from flexgen.identification.frequency_response import frf as estimate
-    from flexgen.identification.recordings.description import is_description
-    from flexgen.identification.recordings.experiment_file import read_experiment
+    from flexgen.identification.recordings.experiment_file import load_experiment
 
-    if is_description(args.experiment):
-        log(f"reading the recordings of {args.experiment}")
-        experiment = read_experiment(args.experiment)
-    else:
-        experiment = Experiment.load(args.experiment)
-    found = estimate(experiment, **keywords(args, "experiment"))
-    found.save(args.out)
-    data: dict[str, Any] = {
+    found = estimate(load_experiment(args.experiment, log), **keywords(args, "experiment"))
+    data = {
         "model": found.model,
-        "frf": str(args.out),
+        "frf": None,
         "poses": len(found.poses),
         "lines": len(found.w),
         "outputs": list(found.outputs),
         "median_relative_sd": found.relative_sd(),
     }
-    text = (
-        f"{found.model}: {len(found.poses)} poses, {len(found.w)} lines, {len(found.outputs)} x {len(found.motors)}\n"
-        f"median standard deviation by noise: {number(100 * found.relative_sd())} %\n\nwrote {args.out}"
-    )
-    if args.report is not None:
-        from flexgen.reports.identification_page import write_responses
-
-        page = write_responses(found, args.report)
-        data["report"] = str(page)
-        text += f"\nwrote {page}"
-    return VerbResult(data, text, warnings=list(found.warnings))
+    files = {"frf": found.save(args.out)} | ({} if args.report is None else {"report": found.report(args.report)})
+    return with_files(found.to_text(), data, files, warnings=list(found.warnings))
 
 
 def identify(args: Namespace, log: Progress) -> VerbResult:
     """Fit parameters of a model to frequency responses or to recorded motions; write a new model file."""
     if args.rigid or args.segments is not None:
-        return rigid(args, log) if args.rigid else segments(args, log)
+        return _rigid(args, log) if args.rigid else _segments(args, log)
     if args.validate is not None or args.counterbalance:
         raise ArgumentError("--validate, --counterbalance: given without --rigid or --segments, expected with them")
     if args.truth is not None and args.move is None:
         raise ArgumentError("--truth: given without --move, expected also --move NAME, whose tool error is compared")
     from flexgen.identification.frequency_response import Frf
     from flexgen.identification.graybox import identify as fit
-    from flexgen.identification.result import FitStatus, deviation_text
+    from flexgen.identification.recordings.experiment_file import load_experiment
+    from flexgen.identification.result import FitStatus
+    from flexgen.identification.time_domain import refine_and_validate
+    from flexgen.reports.identification_texts import text_of_identification, validation_text
 
     model, data = read_model(args), Frf.load(args.data)
     if args.structure:
         return _structure(model, data, args, log)
-    found = fit(
-        model,
-        data,
-        start=_floats(args.start),
-        source=str(args.data),
-        **keywords(args, "data", "start"),
-        progress=throttle(log),
-    )
-    validation: tuple[dict[str, Any], list[str]] = ({}, [])
+    given = {"start": _floats(args.start), "source": str(args.data), **keywords(args, "data", "start")}
+    found, validation, tell = fit(model, data, **given, progress=throttle(log)), [], throttle(log)
+    checked: dict[str, Any] = {}
     if args.refine is not None:
-        found, validation = _refine(found, args, log)
-    result = found.to_dict() | validation[0]
-    rows = [
-        [
-            row["name"], row["value"], row["unit"], deviation_text(row["sd"], row["sd_is_relative"]),
-            row["start"], "at its bound" if row["at_bound"] else "not determined" if row["weak"] else "",
-        ]
-        for row in result["parameters"]
-    ]  # fmt: skip
-    lines = [
-        f"{model.name}: {found.status}, cost {number(found.cost)} (1 expected), reached by {found.agreed} of "
-        f"{found.starts} starts, {number(found.wall_s)} s",
-        paragraph(f"{found.status.sentence} {found.status.advice}"),
-        "",
-        table(rows, ("parameter", "value", "unit", "sd", "start", "")),
-    ]
-    if found.model_error > 0:
-        lines.insert(1, f"model error: {number(100 * found.model_error)} % of the responses")
-    lines += validation[1]
-    lines += ["", *(f"{line}." for line in found.weak)]
-    if args.move is not None and found.status != FitStatus.NOT_CONVERGED:
-        compared, words = _verdict(found, args, log)
-        result["tool_errors"] = compared
-        lines += ["", words, ""]
-    files = _write(found, args) if found.status != FitStatus.NOT_CONVERGED else []
-    result |= dict(files)
-    lines += [f"wrote {path}" for _, path in files]
-    problem = "" if found.status == FitStatus.FITTED else f"{found.status}: {found.status.sentence}"
-    return VerbResult(result, "\n".join(lines), problem=problem)
+        experiment = load_experiment(args.refine)
+        log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
+        found, validated = refine_and_validate(found, experiment, progress=tell)
+        if validated is not None:
+            checked["validation"] = vars(validated)
+            validation.append(validation_text(validated, experiment.plan.motors))
+    text, usable = text_of_identification(found, *validation), found.status != FitStatus.NOT_CONVERGED
+    if args.move is not None and usable:
+        checked["tool_errors"], words = _verdict(found, args, log)
+        text += f"\n\n{words}"
+    return with_files(text, found.to_dict() | checked, _files(found, args, usable), _problem(found.status))
 
 
 def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbResult:
     """Which springs without motor the data ask for: a table, and the tables of new springs for the model file."""
-    from flexgen.identification.result import FitStatus
     from flexgen.identification.structure import structure
+    from flexgen.reports.identification_texts import structure_text
 
     alone(args, "--structure", *OF_RESPONSES, "free", "start", "out")
     log("adding and removing springs: about a minute for six axes")
     found = structure(model, data, fixed=args.fixed, progress=throttle(log))
-    rows = [
-        [c.kind, c.name, c.gain, "" if c.held_out is None else c.held_out, "kept" if c.kept else ""]
-        for c in found.changes
-    ]
-    status = found.identified.status
-    lines = [
-        f"{model.name}: added {', '.join(found.added) or 'nothing'}, removed {', '.join(found.removed) or 'nothing'}",
-        f"fit of the result: {status}, cost {number(found.identified.cost)} (1 expected)",
-        "",
-        table(rows, ("change", "coordinate", "gain of the criterion", "cost at held-out poses, ratio", "")),
-    ]
-    new = {dof.name: (e.name, dof) for e in found.model.elements for dof in e.dofs if dof.name in found.added}
-    for name, (element, dof) in new.items():
-        stiffness = getattr(dof.spring, "stiffness", 0.0)
-        lines += [
-            "",
-            f"for the model file, in the element {element} behind the joint {name.rpartition('_')[0]}:",
-            "",
-            "[[element.dof]]",
-            f'name = "{name}"',
-            'type = "rotation"',
-            f"axis = [{', '.join(f'{x:.6g}' for x in dof.axis)}]",
-            f'spring = {{ type = "linear", stiffness = {stiffness:.6g} }}',
-            f"damping = {dof.damping:.6g}",
-        ]
     result = found.identified.to_dict() | {
         "added": list(found.added),
         "removed": list(found.removed),
         "changes": [vars(change) for change in found.changes],
     }
-    problem = "" if status == FitStatus.FITTED else f"{status}: {status.sentence}"
-    if args.report is not None:
-        page = str(found.identified.report(args.report))
-        result["report"] = page
-        lines += ["", f"wrote {page}"]
-    return VerbResult(result, "\n".join(lines), problem=problem)
+    files = _files(found.identified, args)
+    return with_files(structure_text(found), result, files, _problem(found.identified.status))
 
 
-def _refine(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dict[str, Any], list[str]]]:
-    """The parameters refined by simulation of the experiment, and what other experiments say of them."""
-    from flexgen.identification.experiments.experiment import Experiment
-    from flexgen.identification.recordings.description import is_description
-    from flexgen.identification.recordings.experiment_file import read_experiment
-    from flexgen.identification.time_domain import refine, validate, validate_on_others
+def _rigid(args: Namespace, log: Progress) -> VerbResult:
+    """Bodies, rotors and friction from recorded motions, and the stiffness of gears with encoders on both sides."""
+    from flexgen.identification.recordings.rigid_file import identify_bodies
 
-    experiment = read_experiment(args.refine) if is_description(args.refine) else Experiment.load(args.refine)
-    log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
-    fine = refine(found, experiment, progress=throttle(log))
-    plan = experiment.plan
-    if plan.experiments * plan.realizations < 2:
-        return fine, ({}, [])
-    checked = validate(fine, experiment)
-    data = {"fit_percent": list(checked.fit_percent), "cost": checked.cost, "white": list(checked.white)}
-    rows = [
-        [name, fit, 100 * white]
-        for name, fit, white in zip(plan.motors, checked.fit_percent, checked.white, strict=True)
-    ]
-    lines = [
-        "",
-        f"simulation of experiments that were not used: cost {number(checked.cost)} (1 expected)",
-        "",
-        table(rows, ("motor", "fit, %", "white lags, %")),
-    ]
-    return validate_on_others(fine, checked), ({"validation": data}, lines)
+    alone(args, "--rigid", "structure", "segments", *OF_RESPONSES, "free", "fixed", "start", "report")
+    balance = {name: int(count) for name, count in args.counterbalance or ()}
+    options = {"validate": args.validate, "counterbalance": balance, "progress": log}
+    found = identify_bodies(read_model(args), args.data, **options)
+    problem = "" if found.fit.status.has_deviations else f"{found.fit.status}: {found.fit.status.sentence}"
+    return with_files(found.to_text(), found.to_dict(), _files(found, args), problem)
+
+
+def _segments(args: Namespace, log: Progress) -> VerbResult:
+    """Parameters of the nonlinear model from recorded torques and motions, in short segments."""
+    from flexgen.identification.motion_fit import fit_motion
+    from flexgen.identification.result import FitStatus
+    from flexgen.reports.identification_texts import text_of_motion_fit
+
+    alone(args, "--segments", "structure", "rigid", *OF_RESPONSES, "counterbalance", "report")
+    if args.free is None:
+        raise ArgumentError("--segments: given no --free, expected the names of the parameters")
+    start = {key: float(value) for key, value in args.start or ()}
+    options = {"free": args.free, "fixed": args.fixed, "start": start, "validate": args.validate}
+    found = fit_motion(read_model(args), args.data, segment_s=args.segments, **options, progress=log)
+    files = _files(found, args, found.status != FitStatus.NOT_CONVERGED)
+    return with_files(text_of_motion_fit(found, args.segments), found.to_dict(), files, _problem(found.status))
 
 
 def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:
     """Tool errors of feedforward before and after: as data and as text."""
+    from flexgen.reports.identification_texts import verdict_text
+
     if found.covariance is None and args.truth is None:
         words = f"no tool errors of the move {args.move}: a result with {found.status} has no covariance to draw robots"
         return [], f"{words} from; give --truth where the robot is known"
-    robot = "the robot of --truth" if args.truth else "robots drawn from the covariance"
     log(f"tool errors of the move {args.move}: a few minutes for six axes")
     verdict = found.verdict(args.move, truth=args.truth, progress=throttle(log))
-    data: list[dict[str, Any]] = []
-    rows: list[list[Any]] = []
-    for row in verdict.rows:
-        entry: dict[str, Any] = {"model": row.model}
-        cells: list[Any] = [row.model]
-        for unit, key in (("m", "error_m"), ("rad", "error_rad")):
-            if getattr(row, key) is not None:
-                entry[key] = list(getattr(row, key))
-                cells += [1e6 * row.quantile(0.5, unit), 1e6 * row.quantile(0.95, unit)]
-        data.append(entry)
-        rows.append(cells)
-    head = ["torques of the model"]
-    for unit, key in (("um", "error_m"), ("urad", "error_rad")):
-        if getattr(verdict.rows[0], key) is not None:
-            head += [f"median, {unit}", f"95 %, {unit}"]
-    title = f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} x {robot}:"
-    return data, f"{title}\n\n{table(rows, tuple(head))}"
+    rows = [{key: x for key, x in vars(row).items() if x is not None} for row in verdict.rows]
+    return rows, verdict_text(verdict)
 
 
-def _write(found: Any, args: Namespace) -> list[tuple[str, str]]:
-    """The new model file and the report, where they are asked for."""
-    out = []
-    if args.out is not None:
-        out.append(("model_file", str(found.write(args.out))))
-    if args.report is not None:
-        out.append(("report", str(found.report(args.report))))
-    return out
+def _files(found: Any, args: Namespace, usable: bool = True) -> dict[str, Path | None]:
+    """The new model file and the report, where they are asked for and the result is usable."""
+    files = {} if args.out is None or not usable else {"model_file": found.write(args.out)}
+    return files | ({} if args.report is None or not usable else {"report": found.report(args.report)})
 
 
-def _inverse(model: Any) -> Any:
-    import numpy as np
-
-    return np.linalg.inv(model.eta)
+def _problem(status: Any) -> str:
+    """Why a fit is a failure; empty where the model agrees with the measurement."""
+    return "" if status.value == "fitted" else f"{status}: {status.sentence}"
 
 
 def _floats(settings: Any) -> dict[str, float]:

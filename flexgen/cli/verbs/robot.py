@@ -4,39 +4,31 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from flexgen.atomic_files import write_text
-from flexgen.cli.printing import analysis_text, description_text, one_line, paragraph, roots, table
-from flexgen.cli.result import Progress, VerbResult, derive_model
+from flexgen.cli.result import Progress, VerbResult, derive_model, with_files
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
-
-if TYPE_CHECKING:
-    from flexgen.analysis.analyze import Analysis
-    from flexgen.model.elements import RobotModel
+from flexgen.reports.text_tables import paragraph, roots, table
 
 
 def models(args: Namespace, log: Progress) -> VerbResult:
     """List the models by name."""
     from flexgen.model.catalogue import models as list_models
+    from flexgen.reports.texts import models_text
 
     broken: dict[str, str] = {}
     rows = list_models(broken)
-    head = ("name", "motors", "actuated", "elastic", "dof", "description")
-    text = table([[r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], one_line(r["description"])] for r in rows], head)
-    variants = [f"{row['name']}@{name}" for row in rows for name in row["variants"]]
-    if variants:
-        text += "\n\n" + paragraph("variants: " + ", ".join(variants))
-    data: dict[str, Any] = {"models": rows}
-    if broken:
-        data["broken"] = broken
-    return VerbResult(data, text, warnings=[f"model {name} is left out: {reason}" for name, reason in broken.items()])
+    data: dict[str, Any] = {"models": rows} | ({"broken": broken} if broken else {})
+    warnings = [f"model {name} is left out: {reason}" for name, reason in broken.items()]
+    return VerbResult(data, models_text(rows), warnings=warnings)
 
 
 def describe(args: Namespace, log: Progress) -> VerbResult:
     """Describe a model: coordinates, motors, moves, variants."""
     from flexgen.model.catalogue import describe as describe_model
+    from flexgen.reports.texts import description_text
 
     data = describe_model(args.model, overrides=dict(args.set or ()))
     return VerbResult(data, description_text(data))
@@ -49,15 +41,13 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
         form = "latex" if args.out.suffix == ".tex" else "text"
     began = time.perf_counter()
     equations = derive_model(args)
-    robot = equations.model
-    functions = {name: int(equations.function(name).n_instructions()) for name in _function_names(robot)}
+    robot, functions = equations.model, equations.sizes()
     data: dict[str, Any] = {
         "model": robot.name,
         "variant": robot.variant,
         "seconds": time.perf_counter() - began,
         "functions": functions,
     }
-    sizes = table([list(row) for row in functions.items()], ("function", "instructions"))
     warnings: list[str] = []
     text = ""
     if form or not args.json:
@@ -73,19 +63,10 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
     if form:
         data[form] = text
     if args.out is not None:
-        write_text(args.out, text)
-        data["out"] = str(args.out)
+        data["out"] = str(write_text(args.out, text))
         text = f"wrote {args.out}"
+    sizes = table([list(row) for row in functions.items()], ("function", "instructions"))
     return VerbResult(data, text.rstrip("\n") or sizes, warnings=warnings)
-
-
-def _function_names(robot: RobotModel) -> list[str]:
-    """The functions that the equations of a model have."""
-    from flexgen.mechanics.equations import BUILDERS
-    from flexgen.mechanics.signatures import FUNCTIONS, INVERSION, offered_functions
-
-    missing = {*INVERSION, *FUNCTIONS} - set(offered_functions(robot))
-    return [name for name in BUILDERS if name not in missing]
 
 
 def analyze(args: Namespace, log: Progress) -> VerbResult:
@@ -100,17 +81,6 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
         path = ToolPath(equations, find_move(equations.model, args.move))
     analysis = analyze_model(equations, args.pose, path)
     data = analysis.to_dict()
-    text = analysis.model.title + " in equilibrium\n\n" + _analysis_text(analysis)
-    if args.report is not None:
-        from flexgen.reports.analysis_page import write_analysis
-
-        page = write_analysis(analysis, args.report)
-        data["report"] = str(page)
-        text += f"\n\nwrote {page}"
-    poles = "poles, 1/s: " + ", ".join(roots(plain(data["poles"])))
-    return VerbResult(data, text, details=paragraph(poles))
-
-
-def _analysis_text(analysis: Analysis) -> str:
-    coordinates = [(c.name, c.unit) for c in analysis.model.coordinates]
-    return analysis_text(plain(analysis.to_dict()), coordinates, [motor.name for motor in analysis.model.motors])
+    files = {} if args.report is None else {"report": analysis.report(args.report)}
+    poles = paragraph("poles, 1/s: " + ", ".join(roots(plain(data["poles"]))))
+    return with_files(analysis.to_text(), data, files, details=poles)

@@ -6,9 +6,16 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.printing import duration, figure_rows, figures, paragraph, suggestion
-from flexgen.cli.result import Progress, VerbResult, alone, check_report, check_writable, derive_model, keywords
-from flexgen.display import plain
+from flexgen.cli.result import (
+    Progress,
+    VerbResult,
+    alone,
+    check_report,
+    check_writable,
+    derive_model,
+    keywords,
+    with_files,
+)
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 
@@ -20,7 +27,6 @@ if TYPE_CHECKING:
 
 EXCEEDED = 3  # exit status of a solution beyond the limits of the model file
 COMMAND = "command"  # ending of the file with the torques that the controller sends
-RUN = 0.25  # time of a simulation of another robot, relative to the verification, whose tolerance is tighter
 
 
 def solve(args: Namespace, log: Progress) -> VerbResult:
@@ -44,7 +50,9 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
         from flexgen.inversion.bounds import Limits
 
         limits = Limits.from_model(equations.model)
-    moves = [choose_move(args.moves, name, equations.model) for name in args.move or [None]]
+    from flexgen.model.task_files import find_move_in
+
+    moves = [find_move_in(args.moves, name, equations.model) for name in args.move or [None]]
     _announce(args, equations.model, log)
     if not several:
         return _solve_one(args, equations, moves[0], limits, (args.out, args.report), log)
@@ -97,9 +105,12 @@ def _solve_one(
     log: Progress,
 ) -> VerbResult:
     """Solve one move; write trajectory and report to the two paths, where given."""
+    from flexgen.inversion.problem_text import problem_of
     from flexgen.inversion.solve import solve as solve_move
+    from flexgen.reports.texts import solution_details
 
     out, report = outputs
+    given = keywords(args, "move", "limits", "ignore_limits", "fastest")
     if args.fastest:
         from flexgen.performance.minimum_time import fastest
 
@@ -109,135 +120,28 @@ def _solve_one(
         move,
         limits=limits,
         ignore_limits=args.ignore_limits or args.fastest,
-        **keywords(args, "move", "limits", "ignore_limits", "fastest"),
+        **given,
         progress=log,
     )
-    if solution.model.output != equations.model.output:  # all joints, of an arm with more motors than outputs
-        from flexgen.mechanics.equations import derive
-
-        equations = derive(solution.model)
-    data = solution.to_dict()
-    lines = [f"{equations.model.title}, move {solution.move.name}\n\n{figures(figure_rows(solution))}\n"]
-    lines += [f"tried before: {text}" for text in solution.details.get("attempts", ())]
+    data, files = solution.to_dict(), {}
     if out is not None:
-        data["trajectory"] = str(solution.trajectory.save(out))
-        lines.append(f"wrote {out}")
+        files["trajectory"] = solution.trajectory.save(out)
         if solution.torque_command is not None:
-            command = _insert_name(out, COMMAND)
-            assert command is not None
-            data["torque_command"] = str(solution.torque_command.save(command))
-            lines.append(f"wrote {command}")
+            files["torque_command"] = solution.torque_command.save(out.with_name(f"{out.stem}_{COMMAND}{out.suffix}"))
     if report is not None and not solution.interrupted:
-        data |= _report(args, equations, solution, report, log)
-        lines.append(f"wrote {data['report']}")
-    text = "\n".join(lines).rstrip("\n")
-    problem, failure = problem_of(solution, args.accuracy)
-    return VerbResult(data, text, problem, list(solution.warnings), _details(solution), solution.interrupted, failure)
+        from flexgen.loop.comparison import compare
+
+        comparison = compare(solution, robustness=args.robustness, progress=log)
+        data |= comparison.to_dict()
+        files["report"] = comparison.report(report)
+    more: dict[str, Any] = {"warnings": list(solution.warnings), "details": solution_details(solution)}
+    more |= {"interrupted": solution.interrupted, "failure": failure_of(solution)}
+    return with_files(solution.to_text(), data, files, problem_of(solution, args.accuracy), **more)
 
 
-def _report(
-    args: Namespace, equations: Equations, solution: Solution, directory: Path, log: Progress
-) -> dict[str, Any]:
-    """Write the report with its comparisons; the data of both."""
-    from flexgen.inversion.comparison import compare_methods, error_rows
-    from flexgen.reports.html import write_report
-
-    compared = () if not args.verify else compare_methods(equations, solution, log)
-    data: dict[str, Any] = {"comparison": error_rows(compared)}
-    rows = None
-    if args.robustness:
-        from flexgen.loop.robustness import CONTROLS, PLANTS, compare_plants
-
-        named = {one.method: one for one in (compared or (solution,))}
-        runs = len(PLANTS) * len(CONTROLS) * len(named)
-        took = "" if solution.simulation is None else f", about {duration(RUN * runs * solution.simulation.wall_s)}"
-        log(f"robustness: {runs} simulations{took}")
-        rows = data["robustness"] = compare_plants(equations, named, progress=log)
-    data["report"] = str(write_report(equations, solution, directory, compared=compared, robustness=rows))
-    return data
-
-
-def _details(solution: Solution) -> str:
-    """Further figures of the method and of the simulation."""
-    rows: list[tuple[str, Any, str]] = [
-        (key.replace("_", " "), value if isinstance(value, int | float) else str(value), "")
-        for key, value in plain(dict(solution.details)).items()
-        if value not in (None, [], {}, "")
-    ]
-    if solution.simulation is not None:
-        run = solution.simulation
-        rows += [
-            ("integrator of the simulation", run.integrator, ""),
-            ("evaluations of the equations of motion", run.evaluations, ""),
-            ("wall time of the simulation", run.wall_s, "s"),
-        ]
-    meaning = paragraph(f"{solution.status}: {solution.status.sentence} {solution.status.advice}")
-    return f"{figures(rows)}\n\n{meaning}" if rows else meaning
-
-
-def choose_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:
-    """The move or program with this name in a file of moves, or else in the model; None: the first."""
-    if file is None:
-        return robot.move(name)
-    from flexgen.model.task_files import read_moves
-
-    found = read_moves(file, robot)
-    for move in found:
-        if name is None or move.name == name:
-            return move
-    names = [move.name for move in found]
-    raise ArgumentError(
-        f"move: given {name!r}, expected one of {file}: {', '.join(names)}{suggestion(name or '', names)}"
-    )
-
-
-def problem_of(solution: Solution, accuracy: float) -> tuple[str, int]:
-    """Why the solution cannot be used, empty if it can, and the exit status that this has."""
-    if solution.status != Status.LIMITS_EXCEEDED:
-        return inaccuracy(solution, accuracy), 1
-    from flexgen.inversion.solution import limit_warnings
-
-    lines = limit_warnings(solution.model, solution.trajectory)
-    more = f", and {len(lines) - 1} more (see the warnings)" if len(lines) > 1 else ""
-    slower = ["exceeds its limit" in line for line in lines]  # not a range: more time helps
-    advice = [] if all(slower) else ["choose another target or path: more time does not help beyond a range"]
-    if any(slower):
-        advice.append("give the move more time, or keep torques and speeds with --limits")
-    advice.append("for studies use --ignore-limits")
-    return f"{solution.status}: {lines[0]}{more}; {'; '.join(advice)}", EXCEEDED
-
-
-def inaccuracy(solution: Solution, accuracy: float) -> str:
-    """Why the solution does not meet the tolerance; empty if it does."""
-    from flexgen.display import both_measured
-    from flexgen.inversion.solve import ENERGY, residual_is_small
-
-    if solution.status != Status.TOLERANCE_NOT_MET:
-        return ""
-    if solution.stopped:
-        return f"{solution.status}: {solution.stopped}; the trajectory is the best so far"
-    simulation = solution.simulation
-    if simulation is not None and simulation.energy_error > ENERGY:
-        return (
-            f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
-            "so it verifies nothing; check whether the model is too stiff"
-        )
-    if simulation is not None and simulation.feedback is not None and not residual_is_small(solution):
-        return (
-            f"{solution.status}: the torques do not satisfy the equations of motion: relative residual "
-            f"{solution.residual_relative:.1e}; try a finer --mesh or a smoother move"
-        )
-    # with active limits the plan itself deviates from the path
-    aim, errors = "path", both_measured(solution.tool_error_max_m, solution.tool_error_max_rad)
-    if solution.plan_error_max is not None:
-        aim, errors = "plan", both_measured(solution.plan_error_max_m, solution.plan_error_max_rad)
-    return (
-        f"{solution.status}: the simulated output deviates from the {aim} by {errors}, more than the accuracy "
-        f"{accuracy:.3g}; "
-        + ("give the move more time or " if aim == "path" else "loosen the limits, give the move more time or ")
-        + ("" if solution.method == "lq" else "take --method auto or lq, or ")
-        + "a finer --mesh"
-    )
+def failure_of(solution: Solution) -> int:
+    """The exit status of a solution that cannot be used."""
+    return EXCEEDED if solution.status == Status.LIMITS_EXCEEDED else 1
 
 
 def simulate(args: Namespace, log: Progress) -> VerbResult:
@@ -246,12 +150,8 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
 
     equations = derive_model(args, log)
     simulation = simulate_model(equations, args.trajectory, progress=log)
-    shown = {figure.key: figure.value for figure in simulation.figures()}
-    data: dict[str, Any] = {"model": equations.model.name, **shown, "trajectory": None}
-    text = f"{equations.model.title} under the motor torques of {args.trajectory}\n\n" + figures(
-        figure_rows(simulation)
-    )
-    if args.out is not None:
-        data["trajectory"] = str(simulation.trajectory.save(args.out))
-        text += f"\n\nwrote {args.out}"
-    return VerbResult(data, text, warnings=list(simulation.warnings))
+    data = {"model": equations.model.name, **simulation.to_dict()}
+    warnings = data.pop("warnings")
+    files = {"trajectory": None if args.out is None else simulation.save(args.out)}
+    text = f"{equations.model.title} under the motor torques of {args.trajectory}\n\n{simulation.to_text()}"
+    return with_files(text, data, files, warnings=warnings)

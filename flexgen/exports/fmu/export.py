@@ -25,6 +25,7 @@ from flexgen.library.compiler import Compiler, find_compiler
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.simulation.hold import SAMPLE_TIME
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 
@@ -192,7 +193,7 @@ def _block(model: RobotModel, block: str, given: Mapping[str, Any]) -> Block:
         return feedforward(model, given["look_ahead"])
     from flexgen.exports.fmu.controller import controller as cascade
 
-    return cascade(model, given["controller"], 1e-3 if given["sample_time"] is None else given["sample_time"])
+    return cascade(model, given["controller"], SAMPLE_TIME if given["sample_time"] is None else given["sample_time"])
 
 
 def _compiler() -> Compiler:

@@ -28,7 +28,7 @@ from flexgen.inversion.methods import full_model
 from flexgen.inversion.problem import ACCELERATION, InversionProblem
 from flexgen.inversion.reduced_problem import Motion, Reduction
 from flexgen.inversion.solution import motion_residual
-from flexgen.numerics.nlp import NlpResult, Progress, solve_nlp
+from flexgen.numerics.nlp import NlpResult, NonlinearProgram, Progress, solve_nlp
 from flexgen.numerics.tableaus import Tableau, gauss
 from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path, PathSample
@@ -178,12 +178,9 @@ def collocate(
     weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
     weight[first_and_last], aim[first_and_last] = 1.0, np.concatenate(ends)
     cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scale_x)) ** 2) / 2
+    hessian = ca.MX(ca.DM(sp.diags(weight).tocsc()))
     result = solve_nlp(
-        x,
-        cost,
-        g,
-        jacobian,
-        ca.MX(ca.DM(sp.diags(weight).tocsc())),
+        NonlinearProgram(x=x, cost=cost, g=g, jacobian=jacobian, hessian=hessian),
         guess / scale_x,
         progress=progress,
         max_iterations=max_iterations,

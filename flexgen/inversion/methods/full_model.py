@@ -37,7 +37,7 @@ from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import equilibrium_at, reach
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
-from flexgen.numerics.nlp import NlpResult, Progress, solve_nlp
+from flexgen.numerics.nlp import NlpResult, NonlinearProgram, Progress, solve_nlp
 from flexgen.numerics.tableaus import Tableau, gauss
 from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path
@@ -127,15 +127,11 @@ def collocate_full(
     upper_g = np.r_[np.tile(upper * scale, mesh.N * STAGES), np.zeros(2 * mesh.n * mesh.N)]
     weight, aim = _cost(model, mesh, slow, path.duration, bounds)
     cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scales.x)) ** 2) / 2
+    hessian = ca.MX(ca.DM(sp.diags(weight).tocsc()))
     result = solve_nlp(
-        x,
-        cost,
-        g,
-        jacobian,
-        ca.MX(ca.DM(sp.diags(weight).tocsc())),
+        NonlinearProgram(x=x, cost=cost, g=g, jacobian=jacobian, hessian=hessian, lower=-upper_g, upper=upper_g),
         guess / scales.x,
         bounds_x=_bounds_of_unknowns(model, mesh, slow, scales, bounds),
-        bounds_g=(-upper_g, upper_g),
         progress=progress,
         max_iterations=max_iterations,
         tolerance=TOLERANCE,

@@ -1,0 +1,59 @@
+"""Why a solution cannot be used, and what to do, as a sentence for the user."""
+
+from __future__ import annotations
+
+from flexgen.display import both_measured
+from flexgen.inversion.solution import Solution, limit_warnings
+from flexgen.inversion.solve import ENERGY, residual_is_small
+from flexgen.inversion.status import Status
+
+
+def problem_of(solution: Solution, accuracy: float) -> str:
+    """Why a solution cannot be used; empty if it can.
+
+    Parameters
+    ----------
+    solution : Solution
+    accuracy : float [m and rad]
+        The largest error that was asked of `flexgen.solve`.
+    """
+    if solution.status == Status.TOLERANCE_NOT_MET:
+        return _inaccuracy(solution, accuracy)
+    if solution.status != Status.LIMITS_EXCEEDED:
+        return ""
+    lines = limit_warnings(solution.model, solution.trajectory)
+    more = f", and {len(lines) - 1} more (see the warnings)" if len(lines) > 1 else ""
+    slower = ["exceeds its limit" in line for line in lines]  # not a range: more time helps
+    advice = [] if all(slower) else ["choose another target or path: more time does not help beyond a range"]
+    if any(slower):
+        advice.append("give the move more time, or keep torques and speeds with --limits")
+    advice.append("for studies use --ignore-limits")
+    return f"{solution.status}: {lines[0]}{more}; {'; '.join(advice)}"
+
+
+def _inaccuracy(solution: Solution, accuracy: float) -> str:
+    """Why the solution does not meet the tolerance."""
+    if solution.stopped:
+        return f"{solution.status}: {solution.stopped}; the trajectory is the best so far"
+    simulation = solution.simulation
+    if simulation is not None and simulation.energy_error > ENERGY:
+        return (
+            f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
+            "so it verifies nothing; check whether the model is too stiff"
+        )
+    if simulation is not None and simulation.feedback is not None and not residual_is_small(solution):
+        return (
+            f"{solution.status}: the torques do not satisfy the equations of motion: relative residual "
+            f"{solution.residual_relative:.1e}; try a finer --mesh or a smoother move"
+        )
+    # with active limits the plan itself deviates from the path
+    aim, errors = "path", both_measured(solution.tool_error_max_m, solution.tool_error_max_rad)
+    if solution.plan_error_max is not None:
+        aim, errors = "plan", both_measured(solution.plan_error_max_m, solution.plan_error_max_rad)
+    return (
+        f"{solution.status}: the simulated output deviates from the {aim} by {errors}, more than the accuracy "
+        f"{accuracy:.3g}; "
+        + ("give the move more time or " if aim == "path" else "loosen the limits, give the move more time or ")
+        + ("" if solution.method == "lq" else "take --method auto or lq, or ")
+        + "a finer --mesh"
+    )

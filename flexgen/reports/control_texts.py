@@ -1,0 +1,62 @@
+"""Results of closed loops and benchmarks as text with tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from flexgen.reports.text_tables import number, paragraph, table
+
+if TYPE_CHECKING:
+    from flexgen.benchmarks.scenario import Scenario
+    from flexgen.benchmarks.score import Score
+    from flexgen.loop.margins import Margins
+    from flexgen.loop.result import ControlRun
+
+
+def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = None) -> str:
+    """Errors and torques of the robots, their loads, and the stability margins; ``margins``: where they are known."""
+    from flexgen.loop.result import UNITS, columns_in
+
+    units = [u for u in UNITS if columns_in(run.model, u)]
+    rows = []
+    for r in run.runs:
+        f = run.figures(r)
+        lengths = [1e3 * f[f"{key}_{u}"] for u in units for key in ("error_max", "dynamic_error_max", "error_end")]
+        rows.append([r.name, *lengths, f["torque_max_Nm"], r.saturated, r.failure])
+    errors = (f"{what}, m{u}" for u in units for what in ("error", "dynamic", "at the end"))
+    lines = [
+        f"{run.model.name}, move {run.solution.move.name}: {run.status}, controller {run.controller}, sample time "
+        f"{number(1e3 * run.hardware.sample_s)} ms, delay {number(1e3 * run.delay_s)} ms",
+        "",
+        table(rows, ("robot", *errors, "torque, N m", "samples at the limit", "failure")),
+        *(f"{r.name}: load {r.load}" for r in run.runs if r.load),
+    ]
+    margins = run.margins() if margins is None else margins
+    if margins:
+        head = ("pose", "stable", "gain margin", "delay margin, ms")
+        lines += ["", table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head)]
+    return "\n".join(lines)
+
+
+def scores_text(scenario: Scenario, scores: Sequence[Score]) -> str:
+    """Scores of controllers, the best first, with rules and reasons; of one controller also all measures."""
+    sets, draws = list(scenario.sets), scenario.plan.draws if scenario.plan is not None else 1
+    drawn = ("worst draw", "spread") if draws > 1 else ()
+    rows = [
+        [
+            s.controller,
+            *([s.total, *([s.worst, s.spread] if drawn else []), *s.parts.values()] if s.accepted else ["refused"]),
+            *([] if s.accepted else [""] * (1 + len(sets) + len(drawn))),
+        ]
+        for s in sorted(scores, key=lambda s: s.total if s.accepted else float("inf"))
+    ]
+    parts = [paragraph(scenario.title_line), table(rows, ("controller", "V", *drawn, "nominal", *sets))]
+    if drawn:
+        parts.append(paragraph(f"V: mean of {draws} draws, spread: standard deviation."))
+    parts += [paragraph(f"{s.controller}: {s.rule}") for s in scores if s.rule]
+    parts += ["\n".join(f"{s.controller} is refused: {reason}" for reason in s.refused) for s in scores if s.refused]
+    if len(scores) == 1 and scores[0].accepted:
+        columns = ("measure", "unit", "weight", "reference", "nominal", *sets)
+        parts.append(table([[row[key] for key in columns] for row in scores[0].table], columns))
+    return "\n\n".join(parts)

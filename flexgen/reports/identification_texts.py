@@ -1,0 +1,199 @@
+"""Results of identifications as text with tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from flexgen.reports.text_tables import number, paragraph, table
+
+if TYPE_CHECKING:
+    from flexgen.identification.experiments.excitation import Plan
+    from flexgen.identification.experiments.experiment import Experiment
+    from flexgen.identification.frequency_response import Frf
+    from flexgen.identification.motion_fit import MotionFit
+    from flexgen.identification.recordings.rigid_file import RigidIdentification
+    from flexgen.identification.result import IdentificationResult
+    from flexgen.identification.structure import Structure
+    from flexgen.identification.time_domain import Validation
+    from flexgen.identification.verdict import Verdict
+    from flexgen.model.elements import RobotModel
+
+PARAMETERS = ("parameter", "value", "unit", "sd", "start", "")
+
+
+def plan_text(plan: Plan, robot: RobotModel) -> str:
+    """The poses of a plan, and the accuracy that is expected of its experiments."""
+    joints = enumerate(plan.joints(robot).tolist(), 1)
+    return "\n".join(
+        [
+            f"{robot.name}: {len(plan.poses)} poses, {plan.realizations * plan.experiments} experiments each, "
+            f"{len(plan.lines)} lines from {number(plan.frequencies[0])} to {number(plan.frequencies[-1])} Hz",
+            f"time of the robot: {number(plan.duration_s)} s",
+            "",
+            table([[k, *q] for k, q in joints], ("pose", *(robot.coordinates[i].name for i in robot.i_g))),
+            "",
+            table(
+                [[name, 100 * sd] for name, sd in plan.predicted.items()],
+                ("parameter", "expected standard deviation, %"),
+            ),
+        ]
+    )
+
+
+def text_of_experiment(experiment: Experiment) -> str:
+    """Speeds of the motors at the poses of an experiment."""
+    rows = [[k, *speed] for k, speed in enumerate(experiment.speed_sd.tolist(), 1)]
+    return table(rows, ("pose", *(f"{name}, rad/s rms" for name in experiment.plan.motors)))
+
+
+def text_of_responses(data: Frf) -> str:
+    """Size and accuracy of frequency responses."""
+    return (
+        f"{data.model}: {len(data.poses)} poses, {len(data.w)} lines, {len(data.outputs)} x {len(data.motors)}\n"
+        f"median standard deviation by noise: {number(100 * data.relative_sd())} %"
+    )
+
+
+def text_of_identification(found: IdentificationResult, *more: str) -> str:
+    """The parameters of a fit with their accuracy, further texts, and the directions that the data do not determine."""
+    from flexgen.identification.result import deviation_text
+
+    data = found.to_dict()
+    rows = [
+        [
+            row["name"],
+            row["value"],
+            row["unit"],
+            deviation_text(row["sd"], row["sd_is_relative"]),
+            row["start"],
+            "at its bound" if row["at_bound"] else "not determined" if row["weak"] else "",
+        ]
+        for row in data["parameters"]
+    ]
+    lines = [
+        f"{data['model']}: {found.status}, cost {number(found.cost)} (1 expected), reached by {found.agreed} of "
+        f"{found.starts} starts, {number(found.wall_s)} s",
+        *([f"model error: {number(100 * found.model_error)} % of the responses"] if found.model_error > 0 else []),
+        paragraph(f"{found.status.sentence} {found.status.advice}"),
+    ]
+    return _join("\n".join(lines), table(rows, PARAMETERS), *more, _sentences(found.weak))
+
+
+def validation_text(checked: Validation, motors: Sequence[str]) -> str:
+    """What experiments that were not used say of a fit."""
+    columns = zip(motors, checked.fit_percent, checked.white, strict=True)
+    rows = [[name, fit, 100 * white] for name, fit, white in columns]
+    title = f"simulation of experiments that were not used: cost {number(checked.cost)} (1 expected)"
+    return f"{title}\n\n{table(rows, ('motor', 'fit, %', 'white lags, %'))}"
+
+
+def verdict_text(verdict: Verdict) -> str:
+    """Tool errors of feedforward before and after an identification."""
+    robot = "the robot of --truth" if verdict.known else "robots drawn from the covariance"
+    kinds = [unit for unit in ("m", "rad") if getattr(verdict.rows[0], f"error_{unit}") is not None]
+    rows = [
+        [row.model, *(1e6 * (row.quantile(part, unit) or 0.0) for unit in kinds for part in (0.5, 0.95))]
+        for row in verdict.rows
+    ]
+    head = ("torques of the model", *(f"{what}, u{u}" for u in kinds for what in ("median", "95 %")))
+    title = f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} x {robot}:"
+    return f"{title}\n\n{table(rows, head)}"
+
+
+def structure_text(found: Structure) -> str:
+    """The springs that were added and removed, and the tables of the new ones for the model file."""
+    rows = [
+        [c.kind, c.name, c.gain, "" if c.held_out is None else c.held_out, "kept" if c.kept else ""]
+        for c in found.changes
+    ]
+    fit = found.identified
+    lines = [
+        f"{fit.vector.model.name}: added {', '.join(found.added) or 'nothing'}, "
+        f"removed {', '.join(found.removed) or 'nothing'}",
+        f"fit of the result: {fit.status}, cost {number(fit.cost)} (1 expected)",
+        "",
+        table(rows, ("change", "coordinate", "gain of the criterion", "cost at held-out poses, ratio", "")),
+    ]
+    for element, dof in ((e, dof) for e in found.model.elements for dof in e.dofs if dof.name in found.added):
+        lines += [
+            "",
+            f"for the model file, in the element {element.name} behind the joint {dof.name.rpartition('_')[0]}:",
+            "",
+            "[[element.dof]]",
+            f'name = "{dof.name}"',
+            'type = "rotation"',
+            f"axis = [{', '.join(f'{x:.6g}' for x in dof.axis)}]",
+            f'spring = {{ type = "linear", stiffness = {getattr(dof.spring, "stiffness", 0.0):.6g} }}',
+            f"damping = {dof.damping:.6g}",
+        ]
+    return "\n".join(lines)
+
+
+def text_of_rigid(found: RigidIdentification) -> str:
+    """Frictions and rotors of a rigid arm with their standard deviations and errors; gears and counterbalances."""
+    fit, numbers, sd = found.fit, found.numbers, found.deviations
+
+    def both(name: str) -> str:
+        return f"{number(numbers[name])} +- {sd[name]:.2g}" if name in sd else number(numbers[name])
+
+    kinds = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m"}
+    rows: list[list[Any]] = []
+    for j, motor in enumerate(fit.model.motors):
+        cells: list[Any] = [motor.name, *(both(f"{motor.name}.{kind}") for kind in kinds)]
+        rows.append(cells + [100 * run[j] for runs in found.errors.values() for run in runs])
+    head = ["motor", *(f"{kind}, {unit}" for kind, unit in kinds.items())]
+    head += [f"{name} {k}, error %" for name, runs in found.errors.items() for k in range(1, len(runs) + 1)]
+    balance = [[name, both(name)] for name in numbers if ".counterbalance_" in name]
+    gears = "\n".join(f"  {name}: {deflection.sentence}" for name, deflection in found.gears.items())
+    return _join(
+        f"{fit.model.name}: {fit.status}, {fit.base_parameters} base parameters of {len(fit.pi)} numbers\n"
+        + paragraph(f"{fit.status.sentence} {fit.status.advice}"),
+        "errors: rms over the standard deviation of the torque, of samples that move; left out: on quarters of the "
+        "recordings, of the fit to the others",
+        table(rows, tuple(head)),
+        table(balance, ("counterbalance", "N m, arm side")) if balance else "",
+        "stiffness of the gears from the link encoders, arm side, 90 % interval:" if gears else "",
+        gears,
+    )
+
+
+def text_of_motion_fit(found: MotionFit, segment_s: float | None = None) -> str:
+    """The parameters of a fit in segments (of this length, where it is known), and how it explains the outputs."""
+    from flexgen.identification.result import deviation_text
+
+    values, sd = found.values, found.sd
+    length = "" if segment_s is None else f" of {number(segment_s)} s"
+    rows = [
+        [
+            u.name,
+            values[u.name],
+            u.parameter.unit,
+            deviation_text(sd[u.name], u.scale == "log"),
+            u.start,
+            "not determined" if found.is_weak(u.name) else "",
+        ]
+        for u in found.vector.unknowns
+    ]
+    model = found.vector.model
+    outputs = [motor.name for motor in model.motors]
+    outputs += [f"link encoder {k}" for k in range(1, len(found.rms) - len(outputs) + 1)]
+    columns = [outputs, found.rms, found.fit_percent, [100 * white for white in found.white]]
+    columns += [found.held_out_percent] if found.held_out_percent else []
+    head = ["output", "residual rms", "fit, %", "white lags, %"] + ["held out, %"] * bool(found.held_out_percent)
+    return _join(
+        f"{model.name}: {found.status}, {found.segments} segments{length}, "
+        f"{number(found.wall_s)} s\n" + paragraph(f"{found.status.sentence} {found.status.advice}"),
+        table(rows, PARAMETERS),
+        table([[*row] for row in zip(*columns, strict=True)], tuple(head)),
+        _sentences(found.weak),
+    )
+
+
+def _sentences(lines: Sequence[str]) -> str:
+    return "\n".join(f"{line}." for line in lines)
+
+
+def _join(*parts: str) -> str:
+    """The parts that are not empty, with an empty line between them."""
+    return "\n\n".join(part for part in parts if part)

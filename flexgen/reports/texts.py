@@ -1,0 +1,310 @@
+"""Results as text with tables: what ``to_text`` returns and the command line prints.
+
+A number that is not finite is a dash, as None in JSON.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from flexgen.display import plain
+from flexgen.reports.text_tables import figures, number, one_line, paragraph, roots, table
+
+if TYPE_CHECKING:
+    from flexgen.analysis.analyze import Analysis
+    from flexgen.inverse_kinematics.search import Configuration
+    from flexgen.inversion.solution import Solution
+    from flexgen.library.generate import GeneratedLibrary
+    from flexgen.model.elements import RobotModel
+    from flexgen.paths.path import Path
+    from flexgen.plausibility.finding import Check
+    from flexgen.simulation.result import Simulation
+    from flexgen.sweeps.sweep import SweepResult
+
+SHOWN = 5  # reasons of failures of a sweep that are named, and cases that are named for each
+
+Row = tuple[str, Any, str]  # quantity, value, unit
+
+
+def description_text(data: dict[str, Any]) -> str:
+    """The description of a model as text, from the data of `flexgen.describe`."""
+    name = data["name"]
+    parts = [
+        paragraph(name + (f"@{data['variant']}" if data["variant"] else "") + f": {one_line(data['description'])}"),
+        figures(
+            [
+                ("file", data["file"], ""),
+                ("motors n_m", data["n_m"], ""),
+                ("actuated arm coordinates n_g", data["n_g"], ""),
+                ("non-actuated arm coordinates n_e", data["n_e"], ""),
+                ("degrees of freedom", data["dof"], ""),
+                ("mass of the arm", sum(body["mass"] for body in data["bodies"]), "kg"),
+                ("motor coupling", data["motor_coupling"], ""),
+                ("output", _output(data["output"]), ""),
+            ]
+        ),
+        table(
+            [[c["name"], c["unit"], c["element"], c["type"], _drive(c), *_stiffness(c)] for c in data["coordinates"]],
+            ("coordinate", "unit", "element", "type", "drive or spring", "stiffness", "damping"),
+        ),
+        table(
+            [
+                [
+                    m["name"],
+                    ", ".join(m["drives"]),
+                    ", ".join(_ratio(*row) for row in zip(m["ratio"], m["ratio_unit"], strict=True)),
+                    m["inertia"],
+                    m["torque_max"],
+                    m["speed_max"],
+                ]
+                for m in data["motors"]
+            ],
+            ("motor", "drives", "ratio", "inertia kg m^2", "torque max N m", "speed max rad/s"),
+        ),
+    ]
+    if data["sensors"]:
+        rows = [
+            [s["name"], s["type"], s["place"], ", ".join(s["channels"]), s["unit"], s["noise"]] for s in data["sensors"]
+        ]
+        parts.append(table(rows, ("sensor", "type", "place", "channels", "unit", "noise")))
+    if data["moves"]:
+        rows = [[m["name"], m["type"], m["duration"], m["smoothness"]] for m in data["moves"]]
+        parts.append(table(rows, ("move", "type", "duration s", "smoothness")))
+    if data["variants"]:
+        parts.append(paragraph("variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"])))
+    if data["source"]:
+        parts.append(paragraph(f"source: {one_line(data['source'])}"))
+    return "\n\n".join(parts)
+
+
+def _ratio(ratio: float, unit: str) -> str:
+    """A gear ratio; of a translation with its unit."""
+    return number(float(ratio)) + ("" if unit == "rad/rad" else f" {unit}")
+
+
+def _output(output: dict[str, Any]) -> str:
+    axes = f" {output['axes']}" if output["axes"] else ""
+    return f"{output['type']}{axes} ({output['size']} scalars)"
+
+
+def _drive(coordinate: dict[str, Any]) -> str:
+    """The gear of a coordinate, or its spring if no motor drives it."""
+    gear, spring = coordinate.get("gear"), coordinate.get("spring")
+    if gear is not None:
+        elastic = gear["type"] != "rigid"
+        return f"elastic gear, {gear['spring']['type']}, {gear['side']} side" if elastic else "rigid gear"
+    return "beam bending" if spring is None else f"spring, {spring['type']}"
+
+
+def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
+    """Stiffness (of a nonlinear spring the low one) and damping, on the side given in the model file."""
+    holder = coordinate.get("gear") or coordinate
+    spring = holder.get("spring")
+    if spring is None:
+        return None, None
+    stiffness, damping = float(spring.get("stiffness", spring.get("low"))), float(holder.get("damping") or 0.0)
+    force, unit = ("N m", "rad") if coordinate["unit"] == "rad" or holder.get("side") == "motor" else ("N", "m")
+    return f"{number(stiffness)} {force}/{unit}", f"{number(damping)} {force} s/{unit}"
+
+
+def text_of_analysis(analysis: Analysis) -> str:
+    """The equilibrium, modes and zeros of an analysis, and its verdicts."""
+    coordinates = [(c.name, c.unit) for c in analysis.model.coordinates]
+    text = analysis_text(plain(analysis.to_dict()), coordinates, [motor.name for motor in analysis.model.motors])
+    return f"{analysis.model.title} in equilibrium\n\n{text}"
+
+
+def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]) -> str:
+    """The data of an analysis as text; needs the names and units of coordinates and the names of motors."""
+    equilibrium = table(
+        [[name, q, unit] for (name, unit), q in zip(coordinates, data["pose"], strict=True)],
+        ("coordinate", "equilibrium", "unit"),
+    )
+    torques = table(
+        [[name, tau, "N m"] for name, tau in zip(motors, data["motor_torque_Nm"], strict=True)],
+        ("motor", "torque", "unit"),
+    )
+    rows = zip(data["modes_hz"] or [], data.get("modes_damping") or [], strict=True)
+    modes = table([[k, f, d] for k, (f, d) in enumerate(rows, 1)], ("mode", "frequency Hz", "damping ratio"))
+    zeros, inner = roots(data["zeros"] or []), data["zeros_motor"] or []
+    notches = sorted(math.hypot(*root) / (2 * math.pi) for root in inner if None not in root and root[1] > 0)
+    verdict = figures(
+        [
+            ("phase of the output", data["phase"], ""),
+            ("zeros of the output", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
+            ("zeros, motor torque to motor angle", ", ".join(map(number, notches)) or None, "Hz"),
+            ("time constant of the slowest unstable zero", data["unstable_time_constant_s"] or None, "s"),
+            ("structural index", data["structural_index"], ""),
+            ("preview required for exact tracking", data["preview_s"], "s"),
+            *_dae_rows(data),
+        ]
+    )
+    warnings = "\n".join(paragraph(f"note: {line}") for line in (data.get("solvability") or {}).get("warnings", ()))
+    along = data.get("zeros_along_path")
+    along_text = paragraph(f"along the path, {along['verdict']}") if along else ""
+    return "\n\n".join(part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part)
+
+
+def _dae_rows(data: dict[str, Any]) -> list[Row]:
+    """Rows of the DAE of inverse dynamics, if it was analyzed."""
+    structure, ranks, solvable = (data.get(key) or {} for key in ("structure", "kunkel_mehrmann", "solvability"))
+    rows: list[Row] = []
+    if structure.get("blocks"):
+        sizes = ", ".join(str(len(block["equations"])) for block in structure["blocks"])
+        rows.append(("equations per block of the DAE", sizes, ""))
+        rows.append(("structural analysis at this pose", structure["verdict"], ""))
+    if ranks.get("verdict") == "regular":
+        rows.append(("strangeness index; a, d, v", f"{ranks['mu']}; {ranks['a']}, {ranks['d']}, {ranks['v']}", ""))
+        rows.append(("singular value gap of the rank decisions", ranks["gap"], "relative"))
+    elif ranks:
+        rows.append(("strangeness index", ranks.get("verdict"), ""))
+    if solvable.get("singular_values"):
+        rows.append(("solvability, smallest singular value", min(solvable["singular_values"]), "relative"))
+    if solvable.get("controllability") is not None:
+        rows.append(("controllability, smallest singular value", solvable["controllability"], "relative"))
+    return rows
+
+
+def _small_row(what: str, value: float | None, unit: str) -> Row:
+    """A row of a small length [m] or angle [rad]: below 1e-3 in millionths, else in thousandths."""
+    if value is None:
+        return what, None, ""
+    return (what, 1e3 * value, f"m{unit}") if value >= 1e-3 else (what, 1e6 * value, f"u{unit}")
+
+
+def figure_rows(result: Solution | Simulation) -> list[Row]:
+    """Label, value and unit of the figures of a result; lengths and angles in millionths or thousandths."""
+    rows = []
+    for label, value, unit, _ in result.figures():
+        value = plain(value)
+        rows.append(
+            _small_row(label, value, unit) if unit in ("m", "rad") else (label, None if value == "" else value, unit)
+        )
+    return rows
+
+
+def text_of_solution(solution: Solution) -> str:
+    """The figures of a solution, and the methods that were tried before."""
+    text = f"{solution.model.title}, move {solution.move.name}\n\n{figures(figure_rows(solution))}"
+    tried = [f"tried before: {line}" for line in solution.details.get("attempts", ())]
+    return "\n\n".join([text, *(["\n".join(tried)] if tried else [])])
+
+
+def solution_details(solution: Solution) -> str:
+    """Further figures of the method and of the simulation of a solution, and what its status means."""
+    rows: list[Row] = [
+        (key.replace("_", " "), value if isinstance(value, int | float) else str(value), "")
+        for key, value in plain(dict(solution.details)).items()
+        if value not in (None, [], {}, "")
+    ]
+    if solution.simulation is not None:
+        run = solution.simulation
+        rows += [
+            ("integrator of the simulation", run.integrator, ""),
+            ("evaluations of the equations of motion", run.evaluations, ""),
+            ("wall time of the simulation", run.wall_s, "s"),
+        ]
+    meaning = paragraph(f"{solution.status}: {solution.status.sentence} {solution.status.advice}")
+    return f"{figures(rows)}\n\n{meaning}" if rows else meaning
+
+
+def steps_text(
+    analysis: Analysis, library: GeneratedLibrary, checked: Mapping[str, float], solution: Solution, seconds: float
+) -> str:
+    """The main figures of all steps: analysis, library, its comparison with the equations, solution; wall time [s]."""
+    robot, facts = analysis.model, plain(analysis.to_dict())
+    slowest = facts["unstable_time_constant_s"]
+    rows: list[Row] = [
+        ("model", robot.title, ""),
+        ("motors, degrees of freedom", f"{robot.n_m}, {robot.dof}", ""),
+        ("lowest mode", facts["modes_hz"][0] if facts["modes_hz"] else None, "Hz"),
+        ("phase of the output", facts["phase"], ""),
+        ("slowest unstable zero", 1 / slowest if slowest else None, "1/s"),
+        ("structural index", facts["structural_index"], ""),
+        ("C functions generated", len(library.functions), ""),
+        ("C library built in", None if library.cached else library.seconds, "s"),
+        ("C inverse_dynamics, one call from Python", checked["call_us"], "us"),
+        ("difference of C and equations, largest", checked["difference_Nm"], "N m"),
+        ("move", solution.move.name, ""),
+        *figure_rows(solution),
+        ("total time, wall", seconds, "s"),
+    ]
+    return figures(rows)
+
+
+def text_of_simulation(simulation: Simulation) -> str:
+    """The figures of a simulation."""
+    return figures(figure_rows(simulation))
+
+
+def text_of_check(check: Check) -> str:
+    """All numbers that were checked, and what to do about those that are unusual or wrong."""
+    rows = [[f.mark, f.key, f.quantity, f.value, f.usual] for f in check.findings]
+    advice = [paragraph(f"{f.mark}: {f.key}, {f.quantity}: {f.advice}") for f in (*check.errors, *check.warnings)]
+    return "\n\n".join([table(rows, ("mark", "key", "quantity", "value", "usual")), check.summary(), *advice])
+
+
+def models_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The list of `flexgen.models` as a table."""
+    head = ("name", "motors", "actuated", "elastic", "dof", "description")
+    text = table([[r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], one_line(r["description"])] for r in rows], head)
+    variants = [f"{row['name']}@{name}" for row in rows for name in row["variants"]]
+    return text + ("\n\n" + paragraph("variants: " + ", ".join(variants)) if variants else "")
+
+
+def library_text(robot: RobotModel, library: GeneratedLibrary) -> str:
+    """The functions of a library, and the files that were written: those a user needs by name."""
+    from flexgen.codegen.c_functions import inversion_reason
+
+    done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
+    lines = [f"{robot.title}: {done if library.written else 'nothing has changed'} in {library.directory}"]
+    lines += ["", paragraph("functions: " + ", ".join(library.functions))]
+    reason = inversion_reason(robot, library.functions)
+    if reason is not None:
+        lines += ["", paragraph(f"not in this library: invert and stream, because {reason}")]
+    if library.written:
+        sources = [path for path in library.files if path.suffix == ".c" or path.parent.name == "src"]
+        lines += ["", *(f"wrote {path}" for path in library.files if path not in sources)]
+        lines += [f"wrote {sources[0].parent} ({len(sources)} sources)"] if sources else []
+    return "\n".join(lines)
+
+
+def text_of_path(path: Path) -> str:
+    """The segments of a planned path."""
+    segments = enumerate(path.to_dict()["segments"], 1)
+    rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in segments]
+    head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")
+    return f"{path.equations.model.name}, {path.move.name}: {number(path.duration)} s\n\n" + table(rows, head)
+
+
+def configurations_text(robot: RobotModel, found: Sequence[Configuration]) -> str:
+    """The configurations of `flexgen.kinematics` as a table."""
+    rows = []
+    for c in found:
+        flags = " ".join(f"{sign:+d}" for sign in c.flags)
+        near = f"{c.distance:.3g} {c.nearest_singularity}{', singular' if c.singular else ''}"
+        rows.append([*map(float, c.q), "yes" if c.within_limits else "no", flags, near])
+    joints = (f"{c.name}, {c.unit}" for c in (robot.coordinates[i] for i in robot.i_g))
+    return table(rows, (*joints, "in limits", "shoulder elbow wrist", "singularity distance"))
+
+
+def text_of_sweep(swept: SweepResult) -> str:
+    """The cases of a sweep by model, method and status."""
+    head = ("model", "method", "status", "cases", "tool error m", "tool error rad", "torque N m", "processor s")
+    keys = ("model", "method", "status", "cases", "tool_error_max", "turn_error_max", "torque_max", "cpu")
+    data = swept.to_dict()
+    rows = [[group[key] for key in keys] for group in data["groups"]]
+    return f"{data['cases']} cases, {data['failed']} failed\n\n{table(rows, head)}"
+
+
+def failure_lines(groups: Sequence[Mapping[str, Any]], where: str) -> list[str]:
+    """A line for each of the first reasons of failed cases of a sweep; ``where``: where the other reasons are."""
+    out = []
+    for cases, reason in ((group["cases"], group["reason"]) for group in groups[:SHOWN]):
+        names = ", ".join(map(str, cases[:SHOWN])) + (", ..." if len(cases) > SHOWN else "")
+        many = f"{len(cases)} cases failed ({names}), for example case {cases[0]}"
+        out.append(f"{many if len(cases) > 1 else f'case {cases[0]} failed'}: {reason}")
+    more = sum(len(group["cases"]) for group in groups[SHOWN:])
+    return [*out, *([f"{more} more cases failed for other reasons; see {where}"] if more else [])]
