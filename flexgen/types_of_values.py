@@ -125,9 +125,12 @@ def is_text(value: Any) -> bool:
 
 
 def _literal(parts: tuple[Any, ...]) -> Check:
+    others = [part for part in parts if not isinstance(part, bool)]
+
     def passes(value: Any) -> bool:
-        same = any(value is part for part in parts)  # False too
-        return same or ((isinstance(value, str) or is_whole(value, -LARGEST, LARGEST)) and value in parts)
+        if any(value is part for part in parts):  # True and False only so: they equal 1 and 0
+            return True
+        return (isinstance(value, str) or is_whole(value, -LARGEST, LARGEST)) and value in others
 
     return Check(passes, f"one of {', '.join(map(str, parts))}")
 

@@ -36,6 +36,12 @@ def find_shipped_controllers(scenario: str, version: int = 2) -> dict[str, Path]
     return found
 
 
+def controller_names(chosen: Scenario, given: Sequence[str]) -> list[str]:
+    """The controllers of a scenario that are given; ``"all"`` is the reference and those that come with it."""
+    shipped = ["reference", *find_shipped_controllers(chosen.name, chosen.version)]
+    return [one for name in given for one in (shipped if name == "all" else [name])]
+
+
 def scenario_controller(given: Any, chosen: Scenario, motion: Sequence[np.ndarray]) -> tuple[Controller, str]:
     """A controller for a scenario, and its name; see `flexgen.score`. Code of others comes as a `ForeignController`."""
     title = ""

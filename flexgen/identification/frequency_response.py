@@ -19,19 +19,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.average_names import AverageName
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.experiments.spectra import without_transients
 from flexgen.identification.outputs import ANGLE
 from flexgen.results import ArrayResult
 from flexgen.type_checks import checked_result, checked_types
 
-AverageName = Literal["arithmetic", "harmonic", "logarithmic", "h1"]
-AVERAGES: tuple[AverageName, ...] = get_args(AverageName)
 REPEATS = 6.0  # a period that differs from the others by more than this times their scatter does not repeat
 LARGEST_DIFFERENCE = 0.1  # of the signal: above it such a period is an error, below it a warning
 LARGEST = 1e100  # of a response or a variance in a file
@@ -155,8 +154,8 @@ class Frf(ArrayResult):
         n, shape = len(meta["motors"]), (len(poses), len(w))
         sensors, orders = tuple(map(str, meta.get("sensors", ()))), tuple(map(int, meta.get("orders", ())))
         m = n + len(sensors)
-        expected = {(*shape, m, n): (G, variance), (*shape, n, n): (UU,), (*shape, m, m): (C,)}
-        wrong = any(x.shape != size for size, arrays_ in expected.items() for x in arrays_)
+        sizes = ((G, m, n), (variance, m, n), (UU, n, n), (C, m, m))
+        wrong = any(x.shape != (*shape, *size) for x, *size in sizes)
         if wrong or poses.shape != (shape[0], n) or len(orders) != len(sensors) or not set(orders) <= {0, 1, 2}:
             raise ValueError("arrays of different sizes")
         if G.size == 0 or np.any(w <= 0) or np.any(np.diff(w) <= 0) or np.any(variance < 0):
@@ -256,8 +255,6 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
 
 def _check(experiment: Experiment, average: str, transients: bool) -> None:
     """ArgumentError where an experiment cannot be estimated in this way."""
-    if average not in AVERAGES:
-        raise ArgumentError(f"average: given {average!r}, expected one of {', '.join(AVERAGES)}")
     if average == "harmonic" and experiment.plan.sensors:
         raise ArgumentError("average: given 'harmonic' with sensors, expected as many outputs as motors; take another")
     if np.any(experiment.saturated):
@@ -326,10 +323,7 @@ class Estimate:
 
 
 def estimate(
-    U: np.ndarray,
-    Y: np.ndarray,
-    average: str = "arithmetic",
-    noise: tuple[np.ndarray, np.ndarray] | None = None,
+    U: np.ndarray, Y: np.ndarray, average: str = "arithmetic", noise: tuple[np.ndarray, np.ndarray] | None = None
 ) -> Estimate:
     """Frequency responses from the spectra of inputs and outputs.
 
@@ -337,7 +331,7 @@ def estimate(
     ----------
     U, Y : complex arrays (k, realizations, periods, lines, inputs or outputs, experiments)
     average : str
-        Over the realizations; one of `AVERAGES`.
+        Over the realizations; one of `AverageName`.
     noise : optional
         Spectra of the noise of inputs and outputs in the mean of the periods, (k, realizations, samples, lines,
         channels, experiments), whose sum of squares is its variance; default: from the differences of the periods.

@@ -28,11 +28,11 @@ import casadi as ca
 import numpy as np
 
 from flexgen.errors import SolverError
-from flexgen.identification.mean_friction import is_linear, mean_viscous_change, normal_nodes
 from flexgen.identification.outputs import OutputRows
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.force_laws import spring_torque
 from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.mean_friction import is_linear, mean_viscous_change, normal_nodes
 from flexgen.model.elements import LinearSpring, RobotModel, Spring
 from flexgen.numerics.evaluate import Evaluator, evaluate
 

@@ -35,6 +35,7 @@ from flexgen.identification.result import Estimated, FitStatus
 from flexgen.identification.segments import Segments
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
+from flexgen.numerics.residual_statistics import whiteness
 from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
 from flexgen.type_checks import checked_result, checked_types
@@ -45,7 +46,7 @@ ROUNDS = 3  # of fits with deviations from the residuals of the last one
 INNER = 3  # steps for the start states at each set of parameters
 STABLE = 0.5  # integration step times the fastest eigenvalue
 DISTANCE = 0.01  # standard deviations from the minimum where the search ends
-LEAST_SEGMENTS, LAGS = 4, 20
+LEAST_SEGMENTS = 4
 POORLY_EXPLAINED = 50.0  # %: a fit below it is a model error
 WHITE = 0.85  # part of the lags of white residuals within the 99 % band: less has a probability below 1e-4
 WORSE = 2.0  # errors on recordings that were not fitted over those of the fit, from which on the model fails there
@@ -65,7 +66,7 @@ class MotionFit(Estimated):
     held_out_percent : tuple of float
         The same on recordings that were not fitted; empty: none.
     white : tuple of float
-        Part of the autocorrelations of the residuals of each output (`LAGS` lags) within the 99 % band of white noise.
+        Part of the autocorrelations of the residuals of each output (20 lags) within the 99 % band of white noise.
     weak : tuple of str
         Sentences on directions that the data do not determine.
     segments, iterations : int
@@ -437,21 +438,3 @@ def _percent(y: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:
     A = np.stack([np.ones_like(n), n], axis=1)
     away = y - np.einsum("ab,sbj->saj", A @ np.linalg.pinv(A), y)
     return tuple((100 * (1 - np.linalg.norm(errors, axis=(0, 1)) / np.linalg.norm(away, axis=(0, 1)))).tolist())
-
-
-def whiteness(errors: np.ndarray, Q: np.ndarray) -> tuple[float, ...]:
-    """Part of the autocorrelations of residuals (segments, samples, n_y) within the 99 % band of white noise.
-
-    ``Q`` (segments, samples * n_y, n_z): what was fitted in each segment; residuals are orthogonal to it, and so not
-    quite white even where the noise is.
-    """
-    P = Q.reshape(*errors.shape, -1)
-    count = errors.shape[0] * errors.shape[1]
-    power = (errors**2).sum(axis=(0, 1))
-    left = count - (P**2).sum(axis=(0, 1, 3))
-    inside = []
-    for lag in range(1, min(LAGS, errors.shape[1] - 1) + 1):
-        found = (errors[:, lag:] * errors[:, :-lag]).sum(axis=(0, 1)) / power
-        expected = -(P[:, lag:] * P[:, :-lag]).sum(axis=(0, 1, 3)) / left
-        inside.append(np.abs(found - expected) < 2.58 / math.sqrt(count))
-    return tuple(np.mean(inside, axis=0).tolist())

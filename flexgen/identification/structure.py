@@ -26,7 +26,7 @@ from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import FitStatus, IdentificationResult
 from flexgen.model.elements import Dof, LinearSpring, RobotModel
 from flexgen.model.reader import read
-from flexgen.progress import Choice, reported
+from flexgen.progress import Choice, reported, silent
 
 FREQUENCIES = (12.0, 35.0, 90.0)  # Hz: of a new spring and the inertia that it carries, where its search begins
 DAMPING = 0.03  # of critical
@@ -98,7 +98,7 @@ def structure(
     ArgumentError
         The data have one pose only, or do not belong to the robot.
     """
-    tell = progress if callable(progress) else _silent
+    tell = progress if callable(progress) else silent
     robot = model if isinstance(model, RobotModel) else read(model)
     if len(data.poses) < 2:
         raise ArgumentError("structure: given data at one pose, expected two or more: some are held out")
@@ -240,7 +240,3 @@ def _part(data: Frf, poses: slice) -> Frf:
     """Some of the poses."""
     arrays = {name: getattr(data, name)[poses] for name in ("poses", "G", "UU", "C", "variance", "speed_sd")}
     return replace(data, **arrays, total=None if data.total is None else data.total[poses])
-
-
-def _silent(line: str) -> None:
-    """Do not log."""

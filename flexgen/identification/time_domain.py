@@ -348,6 +348,17 @@ def validate_on_others(found: IdentificationResult, checked: Validation) -> Iden
     return replace(found, status=FitStatus.POORLY_VALIDATED) if fails and found.status == FitStatus.FITTED else found
 
 
+def refine_and_validate(
+    found: IdentificationResult, experiment: Experiment, progress: Choice = None
+) -> tuple[IdentificationResult, Validation | None]:
+    """Parameters refined on one experiment at each pose, and their status on another; None: there is only one."""
+    fine = refine(found, experiment, progress=progress)
+    if experiment.plan.experiments * experiment.plan.realizations < 2:
+        return fine, None
+    checked = validate(fine, experiment)
+    return validate_on_others(fine, checked), checked
+
+
 def _frictions(found: IdentificationResult) -> list[str]:
     """Friction numbers of motors and joints that the model file has."""
     model = found.vector.model

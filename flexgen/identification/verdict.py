@@ -25,7 +25,7 @@ from flexgen.mechanics.parameters import with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 from flexgen.model.reader import read
-from flexgen.progress import Choice, reported
+from flexgen.progress import Choice, reported, silent
 
 BASELINES = ("rigid", "fjm")
 
@@ -103,7 +103,7 @@ def verdict(
     SolverError
         The move cannot be solved with one of the models.
     """
-    tell = progress if callable(progress) else _silent
+    tell = progress if callable(progress) else silent
     count_of("samples", samples, ROBOTS)
     before, after = Equations(identified.vector.model), Equations(identified.model)
     if truth is not None:
@@ -161,7 +161,3 @@ def _solve(equations: Equations, move: str | Move | None, method: str) -> Soluti
 def _values(rows: list[dict[str, Any]], key: str) -> tuple[float, ...] | None:
     values = [row[key] for row in rows]
     return None if any(value is None for value in values) else tuple(float(value) for value in values)
-
-
-def _silent(line: str) -> None:
-    """Do not log."""

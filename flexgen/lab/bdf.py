@@ -26,7 +26,7 @@ from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.problem import InversionProblem
-from flexgen.lab.initial_value import check_causal, dae_of, instants, result_of_states, zeros_along
+from flexgen.lab.initial_value import States, check_causal, dae_of, instants, result_of_states, zeros_along
 from flexgen.paths.path import Path
 
 COEFFICIENTS = {
@@ -163,9 +163,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     return result_of_states(
         problem,
         dae,
-        t,
-        found.x,
-        found.dx,
+        States(t, found.x, found.dx),
         iterations=found.iterations,
         verdict=f"BDF of order {order}" + (", extrapolated" if richardson else ""),
         details={"order": order, "richardson": richardson, "step_s": float(t[1] - t[0])},

@@ -7,6 +7,7 @@ grows like exp(z t).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -76,22 +77,30 @@ def instants(problem: InversionProblem, step: float) -> np.ndarray:
     return h * np.arange(-before, on_path + after + 1)
 
 
+@dataclass(frozen=True, eq=False)
+class States:
+    """States of a DAE at instants: ``t`` (n,) [s], ``x`` and its derivative ``dx`` (n, n_x)."""
+
+    t: np.ndarray
+    x: np.ndarray
+    dx: np.ndarray
+
+
 def result_of_states(
     problem: InversionProblem,
     dae: InverseDae,
-    t: np.ndarray,
-    x: np.ndarray,
-    dx: np.ndarray,
+    states: States,
     *,
     iterations: int,
     verdict: str,
     details: Mapping[str, Any],
     intervals: int | None = None,
 ) -> MethodResult:
-    """The method result of states x and derivatives dx (n, n_x) at the instants t.
+    """The method result of states.
 
     ``intervals``: of the mesh of the solver, where it is not that of the instants.
     """
+    t, x, dx = states.t, states.x, states.dx
     if not (np.isfinite(x).all() and np.isfinite(dx).all()):
         raise SolverError(f"{verdict}: the motion is not finite; take a finer --mesh or a smoother move")
     model, n = problem.equations.model, dae.n

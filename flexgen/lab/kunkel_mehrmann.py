@@ -28,7 +28,7 @@ from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.problem import InversionProblem
-from flexgen.lab.initial_value import check_causal, dae_of, instants, result_of_states
+from flexgen.lab.initial_value import States, check_causal, dae_of, instants, result_of_states
 from flexgen.lab.strangeness_free import Split, StrangenessFree
 from flexgen.numerics.tableaus import Tableau, radau
 from flexgen.paths.path import Path
@@ -192,9 +192,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     return result_of_states(
         problem,
         dae,
-        t,
-        found.x,
-        found.dx,
+        States(t, found.x, found.dx),
         iterations=found.iterations,
         verdict="Radau IIA, 3 stages",
         details={"mu": system.mu, "a": system.a, "d": system.d, "gap": found.gap, "step_s": float(t[1] - t[0])},

@@ -25,7 +25,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.problem import InversionProblem
 from flexgen.lab.dummy_derivatives import Choice, DummyDerivatives
-from flexgen.lab.initial_value import check_causal, dae_of, instants, result_of_states
+from flexgen.lab.initial_value import States, check_causal, dae_of, instants, result_of_states
 from flexgen.paths.path import Path
 
 IDAS = "method reduced, integration by IDAS"  # a stage of the time limit
@@ -227,9 +227,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     return result_of_states(
         problem,
         dae,
-        t,
-        x,
-        dx,
+        States(t, x, dx),
         iterations=found.iterations,
         intervals=found.steps or len(t) - 1,
         verdict="SUNDIALS IDAS",

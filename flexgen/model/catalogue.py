@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -158,6 +159,11 @@ def _fields(item: Any, *names: str) -> dict[str, Any]:
     return {name: list(value) if isinstance(value, tuple) else value for name, value in values}
 
 
+def _other_fields(item: Any, *names: str) -> dict[str, Any]:
+    """All attributes of a data class but these, as JSON types: numbers that a new key of the file adds among them."""
+    return _fields(item, *(field.name for field in fields(item) if field.name not in names))
+
+
 def _friction(law: Friction) -> dict[str, Any] | None:
     return write(friction(), law) if law != type(law)() else None
 
@@ -180,7 +186,7 @@ def _dof(dof: Dof) -> dict[str, Any]:
         "spring": None if dof.spring is None else write(JOINT_SPRING, dof.spring),
         "damping": dof.damping if dof.spring is not None else None,
         "friction": _friction(dof.friction),
-        **_fields(dof, "lower", "upper", "speed_max", "acceleration_max"),
+        **_other_fields(dof, "name", "type", "axis", "gear", "spring", "damping", "friction", "counterbalance"),
     } | ({"counterbalance": [list(pair) for pair in dof.counterbalance]} if dof.counterbalance else {})
 
 
@@ -191,5 +197,5 @@ def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:
         "ratio_unit": [f"rad/{units[name]}" for name in motor.drives],
         "inertia": motor.inertia,
         "friction": _friction(motor.friction),
-        **_fields(motor, "torque_max", "speed_max"),
+        **_other_fields(motor, "name", "drives", "ratio", "inertia", "friction", "axis", "carrier"),
     }

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Any, ClassVar
 
 from flexgen.counts import show_value
 from flexgen.display import short_repr
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, suggestion
 from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import Where as Where
 from flexgen.type_checks import checked_class
@@ -215,6 +214,5 @@ def unknown_move(model: str, names: Sequence[str], given: Any) -> str:
             "and give it with --moves FILE (in Python flexgen.read_moves(FILE, model) or a flexgen.Move), or write an "
             "overlay of the URDF file with moves; models/README.md describes both"
         )
-    similar = get_close_matches(str(given), names, 1)
-    hint = f"; did you mean {similar[0]!r}?" if similar else ""
+    hint = suggestion(str(given), names)
     return f"move: given {show_value(given)}, expected one of model {model}: {', '.join(names)}{hint}"

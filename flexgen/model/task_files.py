@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, suggestion
 from flexgen.model.elements import RobotModel
 from flexgen.model.format import PROGRAMS
 from flexgen.model.moves import Move
@@ -58,3 +58,16 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
     if not found["moves"] and not found["programs"]:
         raise root.fail("program", "one or more [[move]] or [[program]] tables")
     return (*found["moves"], *found["programs"])
+
+
+def find_move_in(file: str | Path | None, name: str | None, model: RobotModel) -> Move:
+    """The move or program with this name (None: the first) in a file of moves; without a file, in the model."""
+    if file is None:
+        return model.move(name)
+    found = read_moves(file, model)
+    for move in found:
+        if name is None or move.name == name:
+            return move
+    names = [move.name for move in found]
+    hint = suggestion(name or "", names)
+    raise ArgumentError(f"move: given {name!r}, expected one of {file}: {', '.join(names)}{hint}")

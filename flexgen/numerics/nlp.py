@@ -36,6 +36,25 @@ class NlpResult:
     multipliers: tuple[np.ndarray, np.ndarray]
 
 
+@dataclass(frozen=True, kw_only=True)
+class NonlinearProgram:
+    """Minimize ``cost`` over x, subject to ``lower <= g <= upper``.
+
+    ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper triangle)
+    where an approximation serves, or a function of the multipliers of cost and constraints that gives it, else exact;
+    ``gradient``: of the cost, else by differentiation.
+    """
+
+    x: ca.MX
+    cost: ca.MX
+    g: ca.MX
+    jacobian: ca.MX | None = None
+    hessian: ca.MX | Callable[[ca.MX, ca.MX], ca.MX] | None = None
+    gradient: ca.MX | None = None
+    lower: np.ndarray | float = 0.0
+    upper: np.ndarray | float = 0.0
+
+
 class _Watch(ca.Callback):
     """Reports each iteration to a progress function."""
 
@@ -91,31 +110,24 @@ def _options(max_iterations: int, tolerance: float, optimality: float) -> dict[s
 
 
 def solve_nlp(
-    x: ca.MX,
-    cost: ca.MX,
-    g: ca.MX,
-    jacobian: ca.MX | None,
-    hessian: ca.MX | Callable[[ca.MX, ca.MX], ca.MX] | None,
+    program: NonlinearProgram,
     guess: np.ndarray,
     *,
-    gradient: ca.MX | None = None,
     multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     bounds_x: tuple[np.ndarray, np.ndarray] | None = None,
-    bounds_g: tuple[np.ndarray, np.ndarray] | None = None,
     progress: Progress | None = None,
     max_iterations: int = 200,
     tolerance: float = TOLERANCE,
     optimality: float | None = None,
 ) -> NlpResult:
-    """Minimize ``cost`` subject to ``bounds_g`` (default: g = 0) and ``bounds_x``.
+    """Solve a program with x in ``bounds_x``.
 
-    ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper triangle)
-    where an approximation serves, or a function of the multipliers of cost and constraints that gives it, else exact.
-    ``gradient``: of the cost, else by differentiation. ``multipliers``: of a solution nearby, whose x is the guess.
-    ``tolerance``: of the constraints; ``optimality``: of the conditions of a minimum, default the same.
+    ``multipliers``: of a solution nearby, whose x is the guess. ``tolerance``: of the constraints; ``optimality``: of
+    the conditions of a minimum, default the same.
     OutOfTime where a time limit ends first, see `flexgen.deadline`.
     """
     check_time(BUILDING)
+    x, cost, g, jacobian, hessian = program.x, program.cost, program.g, program.jacobian, program.hessian
     n_g = g.shape[0]
     options = _options(max_iterations, tolerance, optimality or tolerance)
     p = ca.MX.sym("p", 0)
@@ -125,13 +137,13 @@ def solve_nlp(
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", n_g)
         of_lagrangian = hessian(lam_f, lam_g) if callable(hessian) else lam_f * ca.triu(hessian)
         options["hess_lag"] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [of_lagrangian])
-    if gradient is not None:
-        options["grad_f"] = ca.Function("nlp_grad_f", [x, p], [cost, gradient])
+    if program.gradient is not None:
+        options["grad_f"] = ca.Function("nlp_grad_f", [x, p], [cost, program.gradient])
     if multipliers is not None:
         near = {"warm_start_init_point": "yes", "mu_init": WARM, "warm_start_bound_push": WARM}
         near |= {"warm_start_mult_bound_push": WARM, "warm_start_slack_bound_push": WARM}
         options |= {f"ipopt.{name}": value for name, value in near.items()}
-    lower, upper = (np.broadcast_to(bound, n_g) for bound in (bounds_g or (0.0, 0.0)))
+    lower, upper = (np.broadcast_to(bound, n_g) for bound in (program.lower, program.upper))
     watch = None
     if progress is not None:
         watch = _Watch(x.shape[0], lower, upper, progress)

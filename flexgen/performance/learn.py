@@ -260,7 +260,7 @@ def learn(
     law, title = controller_of(controller, case.model, sample_time, delay, motion)
     seen = _plain if channels is None else _Smoothed(case, channels, name)
     runs, corrections, best, stopped, shown = _iterate(
-        commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, seed, tell
+        commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, tell
     )  # fmt: skip
     return LearningResult(
         runs, corrections, commanded.time, best, float(low), float(gain), name, stopped, measured_by, shown
@@ -275,7 +275,6 @@ def _iterate(
     iterations: int,
     gain: float,
     low: float,
-    seed: int,
     tell: Callable[[str], None],
 ) -> tuple[tuple[ControlRun, ...], tuple[np.ndarray, ...], int, str, tuple[float, ...]]:
     """Runs, corrections, best iteration, why they ended before the last, and errors as they were measured."""
@@ -285,7 +284,7 @@ def _iterate(
     best, stopped, noisy = 0, "", seen is not _plain
     for k in range(iterations + 1):
         try:
-            corrected = commanded.case(corrections[-1], seed + k)
+            corrected = commanded.case(corrections[-1], k)
         except FlexgenError as failure:
             if k == 0:
                 raise
@@ -378,8 +377,10 @@ class _Commanded:
         before = self.sample_s * np.ceil(HOLD_S / self.sample_s)
         self._grid = time_grid(first, last, self.sample_s, before, AFTER_S)
 
-    def case(self, correction: np.ndarray, seed: int) -> Case:
-        """The case with the feedforward of a corrected path; its errors are those from the path itself."""
+    def case(self, correction: np.ndarray, iteration: int) -> Case:
+        """The case with the feedforward of a corrected path, and other noise in each iteration; its errors are those
+        from the path itself.
+        """
         case = self._case
         y, dy, ddy = self._correct(correction)
         found = self.library.invert(
@@ -390,7 +391,7 @@ class _Commanded:
         reference = motion_reference(trajectory, self.path, self.sample_s, self.delay_s, case.library, self._grid)
         start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
         rests = tuple(self._local.rest(start, values, at) for values in case.plants.values)
-        return replace(case, reference=reference, rests=rests, seed=seed)
+        return replace(case, reference=reference, rests=rests, seed=case.seed + iteration)
 
     def _correct(self, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Samples of the corrected path and of its rates."""

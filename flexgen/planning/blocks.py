@@ -15,6 +15,7 @@ import scipy.sparse as sp
 
 from flexgen.errors import ArgumentError
 from flexgen.library.casadi_module import in_c
+from flexgen.numerics.nlp import NonlinearProgram
 
 SMALLEST = 1e-300
 SMALL = 1e-12  # of the gradient of the cost where the search starts: below it the cost is not scaled
@@ -49,23 +50,19 @@ class Block:
         return len(self.where)
 
 
-@dataclass(frozen=True)
-class Program:
-    """A nonlinear program in the scaled unknowns x, for `flexgen.numerics.nlp.solve_nlp`.
+@dataclass(frozen=True, kw_only=True)
+class Program(NonlinearProgram):
+    """A nonlinear program in the scaled unknowns x, with exact derivatives and names.
 
     ``names``: of the rows of g, with the instants ``times`` (m, 2) and the factors ``scale`` that the rows were
     multiplied with; each instant: number of the phase, relative time. ``cost_scale``: factor of the cost.
     """
 
-    x: ca.MX
-    cost: ca.MX
     gradient: ca.MX
-    cost_scale: float
-    g: ca.MX
     jacobian: ca.MX
-    hessian: Callable[[ca.MX, ca.MX], ca.MX]
     lower: np.ndarray
     upper: np.ndarray
+    cost_scale: float
     names: list[str]
     times: np.ndarray
     scale: np.ndarray

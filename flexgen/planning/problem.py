@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path as FilePath
 from typing import Literal, get_args
 
@@ -319,16 +320,17 @@ class PlanProblem(Phase):
             check_finite(made, start / scale)
             if warm and self._warm is not None and len(self._warm.multipliers[1]) == len(made.lower):
                 multipliers = self._warm.multipliers
+            bounds = self._bounds(layout, scale, rests)
             found = solve_nlp(
-                made.x, made.cost, made.g, made.jacobian, made.hessian, start / scale, gradient=made.gradient,
-                multipliers=multipliers, bounds_x=self._bounds(layout, scale, rests), bounds_g=(made.lower, made.upper),
-                progress=told, max_iterations=max_iterations, tolerance=TOLERANCE,
-                optimality=OPTIMALITY,
+                made, start / scale, multipliers=multipliers, bounds_x=bounds, progress=told,
+                max_iterations=max_iterations, tolerance=TOLERANCE, optimality=OPTIMALITY,
             )  # fmt: skip
             x = found.x * scale
             if found.success:
                 self._warm, self._warm_x = found, x
-            return make_solution(self, layout, made, found, x, accuracy, verify, began, told)
+            solution = make_solution(self, layout, made, found, x, accuracy, verify, told)
+            wall, cpu = time.perf_counter() - began[0], time.process_time() - began[1]
+            return replace(solution, wall_s=wall, cpu_s=cpu)
 
     @checked_types
     def reference_at(self, phase: Phase) -> Callable[[np.ndarray], np.ndarray]:

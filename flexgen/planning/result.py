@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -106,9 +105,9 @@ def _all_motors(equations: Equations, part: np.ndarray) -> np.ndarray:
 
 def make_solution(
     problem: Problem, layout: Layout, made: Program, found: NlpResult, x: np.ndarray, accuracy: float,
-    verify: bool, began: tuple[float, float], progress: Callable[[str], None] | None,
+    verify: bool, progress: Callable[[str], None] | None,
 ) -> Solution:  # fmt: skip
-    """The solution of a problem, simulated where IPOPT converged."""
+    """The solution of a problem, simulated where IPOPT converged; its times are zero."""
     if not np.isfinite(x).all():
         worst = describe_worst(made, found, x, layout)
         raise SolverError(f"plan: IPOPT ended with {found.status!r} and numbers that are not finite; {worst}")
@@ -137,7 +136,7 @@ def make_solution(
     if found.success:
         solution = _check_bounds(problem, layout, made, between, solution)
         solution = _verify(problem, solution, accuracy, verify, tracked, progress)
-    return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
+    return solution
 
 
 def _between(phase: Phase, theta: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from flexgen.analysis.zeros_along_path import ZeroPath
 from flexgen.errors import ArgumentError
 from flexgen.inversion.comparison import error_sizes
 from flexgen.inversion.solution import Solution
+from flexgen.loop.comparison import Comparison
 from flexgen.model.elements import RobotModel
 from flexgen.plots import canvas as cv
 
@@ -87,3 +88,8 @@ def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Fig
             loc="center left", bbox_to_anchor=(1.0, 0.5), title=f"largest {'distance' if unit == 'm' else 'angle'}"
         )
     return figure
+
+
+def plot_comparison(comparison: Comparison) -> Figure:
+    """Tool errors over time, see `flexgen.compare`."""
+    return errors_of_methods(comparison.solution.model, comparison.solutions)

@@ -112,9 +112,7 @@ class Inverter:
 
     def __init__(
         self,
-        name: str,
-        sizes: Mapping[str, int],
-        interface: Interface,
+        manifest: Mapping[str, Any],
         entry: Callable[..., int],
         work: Callable[..., int],
         failures: Failures,
@@ -122,7 +120,8 @@ class Inverter:
         function: str,
         parameters: np.ndarray,
     ) -> None:
-        self._name, self._sizes, self._interface, self._structs = name, sizes, interface, interface.structs
+        self._name, self._sizes, self._interface = manifest["name"], manifest["sizes"], interface_of(manifest)
+        self._structs = self._interface.structs
         self._parameters, self._real = parameters, parameters.dtype
         self._entry, self._work, self._failures = entry, work, failures
         self._function, self._can_settle = function, function != "bvp"
@@ -362,7 +361,7 @@ def inverter_of(
     work = found(f"{name}_{function}_work")
     work.restype = ctypes.c_int64
     entry = found(f"{name}_{function}")
-    made = form(name, manifest["sizes"], interface_of(manifest), entry, work, failures, again, function, parameters)
+    made = form(manifest, entry, work, failures, again, function, parameters)
     made._grows = "growth" in offered and made._can_settle
     return made
 

@@ -20,8 +20,8 @@ from flexgen.model.urdf_chain import MOVING
 from flexgen.model.urdf_source import PACKAGE, locate
 from flexgen.spec.ports import c_name_problem
 from flexgen.spec.tables import bare
+from flexgen.templates.template_names import TEMPLATES
 
-TEMPLATES = ("planar", "gantry", "scara", "six-axis")
 FREQUENCY, DAMPING = 20.0, 0.03  # Hz with locked motors and damping ratio of the gears of an overlay
 RATIO, RATIO_TRANSLATION = 100.0, 500.0  # rad/rad, rad/m
 STEP = 0.3  # rad or m, of the move of an overlay

@@ -117,6 +117,10 @@ class Plan(ArrayResult):
         """Standard deviation of the reference of each motor's speed [rad/s], (n_m,)."""
         return np.sqrt((self.amplitudes**2).sum(axis=0) / 2)
 
+    def joints(self, model: RobotModel) -> np.ndarray:
+        """The poses in the actuated coordinates of its robot (k, n_g) [rad or m]."""
+        return np.asarray(self.poses @ np.linalg.inv(model.eta).T)
+
     def reference(self, realization: int, experiment: int) -> np.ndarray:
         """Deviation of the motor angles from the pose over one period [rad], (samples, n_m)."""
         realization = count_of("realization", realization, self.realizations - 1, 0)

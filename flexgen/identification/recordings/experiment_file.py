@@ -5,6 +5,7 @@ The files are described by `flexgen.identification.recordings.description`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import HOLDS, Experiment
 from flexgen.identification.experiments.spectra import line_offsets, spectrum, windowed_spectrum
 from flexgen.identification.outputs import output_orders
-from flexgen.identification.recordings.description import Description, Recording, read_description
+from flexgen.identification.recordings.description import Description, Recording, is_description, read_description
 from flexgen.loop.controller_files import LOW_PASS, NOTCH
 from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.loop.hardware import DriveHardware
@@ -159,6 +160,15 @@ def _drive(root: Table, sample_s: float, n: int) -> tuple[DriveHardware, Cascade
     return DriveHardware(sample_s, delay, resolution, encoder, torque), Cascade(
         position, speed, integral, tuple(filters)
     )
+
+
+def load_experiment(path: str | Path, progress: Callable[[str], None] | None = None) -> Experiment:
+    """The experiment of a file of `flexgen.measure`, or of a ``.toml`` file that describes recordings."""
+    if not is_description(path):
+        return Experiment.load(path)
+    if progress is not None:
+        progress(f"reading the recordings of {path}")
+    return read_experiment(path)
 
 
 def _beside_lines(x: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:

@@ -37,6 +37,7 @@ from flexgen.model.elements import Body, Friction, Motor, RobotModel
 from flexgen.model.format_robot import HARMONICS
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.residual_statistics import covariance, parts_of, rms
 from flexgen.numerics.trust_region import Sums, minimize
 
 WINDOW, ORDER = 31, 5  # samples and degree of the polynomials that speeds and accelerations are taken from
@@ -46,7 +47,7 @@ CORRELATED = 50  # samples that share one error: the errors of a model are not w
 PRIOR = 1.0  # relative deviation of the bodies of the model file
 RANK = 1e-9  # of singular values of base parameters
 PARTS, PARTS_MOST = 4, 100  # parts of each recording that are left out in turn
-_NAMES = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
+BODY = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
           "inertia_xz")  # fmt: skip
 
 
@@ -105,7 +106,7 @@ class Regressor:
                 f"model {model.name}: given {model.n_e} coordinates without motor, expected a rigid arm"
             )
         self.model = model
-        names = [f"{element.name}.{name}" for element in model.elements for name in _NAMES]
+        names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
         empty = replace(model, payload=Body())
         equations = Equations(empty, names)
         lag = equations.lagrangian
@@ -289,14 +290,14 @@ def _leave_out(
     columns: _Columns, file: np.ndarray, pi: np.ndarray, sd: np.ndarray, prior: float, parts: int
 ) -> np.ndarray:
     """Rms errors (n_m,) on each part of the recordings of the fit to all others."""
-    pieces, error, moving = rigid_accuracy.parts_of([len(m) for m in columns.measured], parts), [], []
+    pieces, error, moving = parts_of([len(m) for m in columns.measured], parts), [], []
     for one in pieces:
         others = columns.part([piece for piece in pieces if piece is not one])
         found = _fit_bodies(others, file, pi, sd, prior)
         here = columns.part([one])
         error.append(here.measured[0] - here.torques(*found)[0])
         moving.append(here.moving[0])
-    return rigid_accuracy.rms(np.vstack(error), np.vstack(moving))
+    return rms(np.vstack(error), np.vstack(moving))
 
 
 def _covariance(columns: _Columns, file: np.ndarray, error: np.ndarray, sd: np.ndarray, prior: float) -> np.ndarray:
@@ -311,7 +312,7 @@ def _covariance(columns: _Columns, file: np.ndarray, error: np.ndarray, sd: np.n
         X.append(x)
     information = np.concatenate([(prior * scales(file)) ** -2.0, np.zeros(motors * count)])
     block = max(1, round(rigid_accuracy.BLOCK_S / columns.step))
-    return rigid_accuracy.covariance(X, error, 1.0 / (sd * np.sqrt(CORRELATED)), information, block)
+    return covariance(X, error, 1.0 / (sd * np.sqrt(CORRELATED)), information, block)
 
 
 def _motors(model: RobotModel, friction: np.ndarray) -> tuple[Motor, ...]:
@@ -384,7 +385,7 @@ class _Columns:
         count = moving.sum(axis=0)
         mean = (torque * moving).sum(axis=0) / np.where(count > 0, count, np.nan)
         error = torque - np.vstack(self.torques(pi, friction))
-        return rigid_accuracy.rms(error, moving), rigid_accuracy.rms(torque - mean, moving)
+        return rms(error, moving), rms(torque - mean, moving)
 
     def torques(self, pi: np.ndarray, friction: np.ndarray) -> list[np.ndarray]:
         """Torques of each motion (n, n_m)."""

@@ -1,25 +1,127 @@
-"""Motions for the rigid-body fit from described files, and the way back to a model file."""
+"""Identification of a rigid arm from described files: motions, fit, errors, and the way back to a model file."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from flexgen.display import plain
 from flexgen.errors import ArgumentError
-from flexgen.identification.recordings.description import Description
+from flexgen.identification.recordings.description import Description, read_description
 from flexgen.identification.recordings.feasible_bodies import body_of, scales
-from flexgen.identification.recordings.rigid_body import Motion, RigidFit
+from flexgen.identification.recordings.gear_deflection import GearDeflection, gear_deflection
+from flexgen.identification.recordings.rigid_body import BODY, Motion, RigidFit, identify_rigid
 from flexgen.identification.result import write_model
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
+from flexgen.progress import Choice, reported
+from flexgen.results import Result
 
-BODY = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
-        "inertia_xz")  # fmt: skip
 STEP = 1e-6  # of differences
 ROUNDING = 1e-15  # kg, m, kg m^2: smaller numbers are rounding errors, and a model file has none below 1e-18
 FRICTION = ("viscous", "coulomb", "beta", "offset")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RigidIdentification(Result):
+    """Result of `identify_bodies`: bodies, rotors and frictions of a rigid arm, and stiffnesses of its gears.
+
+    ``fit``; ``errors``: those of each motor relative to the standard deviation of its torque, one row for each
+    recording, by ``fitted``, and ``validated`` or ``left out``; ``gears``: by the joint, where a link has an encoder;
+    ``source``: of the recordings.
+    """
+
+    fit: RigidFit
+    errors: dict[str, list[list[float]]]
+    gears: dict[str, GearDeflection]
+    source: str
+
+    @cached_property
+    def numbers(self) -> dict[str, float]:
+        """See `rigid_numbers`."""
+        return rigid_numbers(self.fit)
+
+    @cached_property
+    def deviations(self) -> dict[str, float]:
+        """See `rigid_deviations`."""
+        return rigid_deviations(self.fit)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON types, SI units; stiffnesses on the arm side with their 90 % interval."""
+        fit = self.fit
+        names = ("stiffness", "interval", "skew_s")
+        gears = {joint: {name: getattr(gear, name) for name in names} for joint, gear in self.gears.items()}
+        data = {
+            "model": fit.model.name,
+            "status": fit.status,
+            "parameters": [{"name": k, "value": x, "sd": self.deviations.get(k)} for k, x in self.numbers.items()],
+            "base_parameters": fit.base_parameters,
+            "motors": [motor.name for motor in fit.model.motors],
+            "relative_errors": self.errors,
+            "bodies": {element.name: vars(element.body) for element in fit.model.elements},
+        }
+        return dict(plain(data | ({"gear_stiffness": gears} if gears else {})))
+
+    def write(self, path: str | Path) -> Path:
+        """Write the new model file, see `write_rigid`."""
+        return write_rigid(self.fit, path, self.source)
+
+
+@reported("identify_bodies")
+def identify_bodies(
+    model: RobotModel,
+    recordings: str | Path,
+    *,
+    validate: str | Path | None = None,
+    counterbalance: Mapping[str, int] | None = None,
+    progress: Choice = None,
+) -> RigidIdentification:
+    """Fit bodies and friction of a rigid arm to described recordings; see `identify_rigid`.
+
+    Parameters
+    ----------
+    model : RobotModel
+    recordings, validate : str or Path
+        Descriptions of the recordings that are fitted, and of others that the fit must predict; without these, it is
+        judged on parts of the recordings that are left out in turn.
+    counterbalance : mapping, optional
+    progress : callable or bool, optional
+    """
+    data = read_description(recordings)
+    others = None if validate is None else motions_of(read_description(validate))
+    if callable(progress):
+        progress(f"fitting the bodies of {model.name} to {len(data.recordings)} recordings")
+    fitted = motions_of(data)
+    fit = identify_rigid(model, fitted, counterbalance=counterbalance, **({} if others is None else {"parts": 0}))
+    errors = {"fitted": [fit.relative_errors(motion).tolist() for motion in fitted]}
+    if others is not None:
+        errors["validated"] = [fit.relative_errors(motion).tolist() for motion in others]
+        fit = fit.validated(fitted, others)
+    elif fit.left_out is not None:
+        errors["left out"] = [fit.left_out.tolist()]
+    return RigidIdentification(fit, errors, gear_deflections(fit, data), str(recordings))
+
+
+def gear_deflections(fit: RigidFit, data: Description) -> dict[str, GearDeflection]:
+    """The gears of the joints that have a link encoder in the recordings, by the joint."""
+    model = data.model
+    names = [model.coordinates[i].name for i in model.i_g]
+    sensors = {name: sensor for sensor in model.sensors for name in sensor.channels}
+    motions = motions_of(data)
+    torques, joints = (np.vstack(x) for x in ([fit.gear_torques(m) for m in motions], [m.q for m in motions]))
+    t = data.recordings[0][1].sample_s * np.arange(len(joints))
+    out = {}
+    for c, sensor in enumerate(sensors[channel] for channel in data.sensors):
+        if sensor.type == "link_encoder" and sensor.place in names:
+            j = names.index(sensor.place)
+            link = np.concatenate([run.signals[:, c] for _, run in data.recordings])
+            out[sensor.place] = gear_deflection(t, joints[:, j], link, torques[:, j])
+    return out
 
 
 def motions_of(data: Description) -> list[Motion]:

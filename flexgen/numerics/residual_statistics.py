@@ -1,0 +1,82 @@
+"""What the residuals of a fit say: covariance from blocks of them, their size, and whether they are white.
+
+The normal equations of all numbers theta with the regressors X, the weights W and the scores g_b of blocks b of the
+residuals give
+
+    H = (X' W X + P)^-1,      covariance = H (sum_b g_b g_b' + P) H
+
+with the information P of a prior: errors of neighboring samples are alike, and so blocks are counted, not samples.
+
+Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 8 (blocks); L. Ljung, System
+Identification, 2nd ed. 1999, sec. 16.5 (whiteness).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+LAGS = 20  # of the autocorrelations that are compared with those of white noise
+
+
+def covariance(X: list[np.ndarray], error: np.ndarray, weight: np.ndarray, prior: np.ndarray, block: int) -> np.ndarray:
+    """Covariance of the numbers of a linear fit from blocks of its errors.
+
+    Parameters
+    ----------
+    X : list of arrays (n, parameters)
+        Regressors of each output.
+    error : array (n, outputs)
+    weight : array (outputs,)
+        Of the errors of each output in the fit.
+    prior : array (parameters,)
+        Information of the prior on each number.
+    block : int
+        Samples of a block.
+    """
+    scale = np.sqrt(sum(w**2 * (x**2).sum(axis=0) for x, w in zip(X, weight, strict=True)) + prior)
+    scale = np.where(scale > 0, scale, 1.0)
+    A, count = np.zeros((len(scale), len(scale))), -(-len(error) // block)
+    scores = np.zeros((count, len(scale)))
+    for j, x in enumerate(X):
+        rows = x / scale * weight[j]
+        A += rows.T @ rows
+        each = rows * (error[:, j : j + 1] * weight[j])
+        scores += np.add.reduceat(each, np.arange(0, len(error), block), axis=0)
+    P = np.diag(prior / scale**2)
+    H = np.linalg.pinv(A + P, hermitian=True)
+    return np.asarray(H @ (scores.T @ scores + P) @ H / np.outer(scale, scale))
+
+
+def parts_of(lengths: list[int], parts: int) -> list[tuple[int, slice]]:
+    """Every recording in ``parts`` pieces: number of the recording and its samples."""
+    return [
+        (run, slice(k * length // parts, (k + 1) * length // parts))
+        for run, length in enumerate(lengths)
+        for k in range(parts)
+    ]
+
+
+def rms(error: np.ndarray, moving: np.ndarray) -> np.ndarray:
+    """Root of the mean square of the errors (n, outputs) of samples that move; nan: none does."""
+    count = moving.sum(axis=0)
+    return np.asarray(np.sqrt((error**2 * moving).sum(axis=0) / np.where(count > 0, count, np.nan)))
+
+
+def whiteness(errors: np.ndarray, Q: np.ndarray) -> tuple[float, ...]:
+    """Part of the autocorrelations of residuals (segments, samples, n_y) within the 99 % band of white noise.
+
+    ``Q`` (segments, samples * n_y, n_z): what was fitted in each segment; residuals are orthogonal to it, and so not
+    quite white even where the noise is.
+    """
+    P = Q.reshape(*errors.shape, -1)
+    count = errors.shape[0] * errors.shape[1]
+    power = (errors**2).sum(axis=(0, 1))
+    left = count - (P**2).sum(axis=(0, 1, 3))
+    inside = []
+    for lag in range(1, min(LAGS, errors.shape[1] - 1) + 1):
+        found = (errors[:, lag:] * errors[:, :-lag]).sum(axis=(0, 1)) / power
+        expected = -(P[:, lag:] * P[:, :-lag]).sum(axis=(0, 1, 3)) / left
+        inside.append(np.abs(found - expected) < 2.58 / math.sqrt(count))
+    return tuple(np.mean(inside, axis=0).tolist())
