@@ -10,6 +10,7 @@ import pytest
 
 import flexgen
 from flexgen.inversion.comparison import compare_methods, error_rows, error_sizes
+from flexgen.inversion.solution import INTERRUPTED
 from flexgen.inversion.verification import plan_error
 from flexgen.loop.robustness import Plant, compare_plants, output_errors
 from flexgen.mechanics.equations import derive
@@ -36,10 +37,24 @@ def test_each_model_is_better_than_the_simpler_one(compared) -> None:
     assert largest[0] > largest[1] > 10 * largest[2] > 100 * largest[3]
 
 
+def test_an_arm_without_elastic_coordinates_is_compared_with_the_rigid_model_only() -> None:
+    solution, said = flexgen.solve("elbow"), []
+    found = flexgen.compare(solution, progress=said.append)
+    assert said == ["comparison: method rigid"]
+    assert [one.method for one in found.solutions] == ["rigid", "closed-form"] and found.robustness is None
+    assert found.to_dict() == {"comparison": error_rows(found.solutions)}
+    legend = found.plot().axes[0].get_legend()
+    assert [text.get_text().partition(":")[0] for text in legend.get_texts()] == ["rigid", "closed-form"]
+    unverified = flexgen.solve("elbow", verify=False)
+    assert flexgen.compare(unverified).solutions == ()
+    with pytest.raises(flexgen.ArgumentError, match="interrupted"):
+        flexgen.compare(replace(solution, stopped=INTERRUPTED))
+
+
 @pytest.mark.slow
-def test_a_machine_without_elastic_coordinates_has_one_baseline() -> None:
-    equations = derive("elbow")
-    assert [s.method for s in compare_methods(equations, flexgen.solve(equations))] == ["rigid", "closed-form"]
+def test_the_report_of_a_comparison_has_its_table(tmp_path) -> None:
+    page = flexgen.compare(flexgen.solve("elbow")).report(tmp_path).read_text("utf-8")
+    assert "Tool error by method" in page and "Robustness" not in page
 
 
 @pytest.mark.slow

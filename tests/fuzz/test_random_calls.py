@@ -20,9 +20,9 @@ from flexgen.type_checks import checks_of
 # Objects of these classes take minutes to make, or have the methods of all results only; their methods are checked, and
 # not called here.
 NOT_MADE = {
-    *("Configuration", "Detection", "Equilibrium", "Estimate", "Exported", "GeneratedLibrary", "Load", "SweepResult"),
+    *("Comparison", "Configuration", "Detection", "Equilibrium", "Estimate", "Exported", "GeneratedLibrary", "Load"),
     *("FeedbackLinearisation", "FeedbackStudy", "InverseKinematics", "JointTorqueFeedback", "LQ", "LearningResult"),
-    *("LimitedInverter", "MotionFit", "Phase", "Simulation", "TorqueCommand", "TuningResult"),
+    *("LimitedInverter", "MotionFit", "Phase", "Simulation", "SweepResult", "TorqueCommand", "TuningResult"),
 }
 
 

@@ -5,7 +5,7 @@ A net, not a proof: ``make golden`` writes `pages.txt` again; read the differenc
 Of `flexgen.reports.analysis_page`, `flexgen.reports.control_page`, `flexgen.reports.folder`, `flexgen.reports.html`,
 `flexgen.reports.identification_page`, `flexgen.reports.motion`, `flexgen.reports.pictures`,
 `flexgen.reports.result_page`, `flexgen.reports.sentence`, `flexgen.reports.video`, `flexgen.reports.view`,
-`flexgen.cli.printing`, `flexgen.inversion.solution`, `flexgen.inversion.comparison`, `flexgen.plots.stick_figure`.
+`flexgen.reports.texts`, `flexgen.inversion.solution`, `flexgen.inversion.comparison`, `flexgen.plots.stick_figure`.
 """
 
 from __future__ import annotations
@@ -29,13 +29,24 @@ from made_results import Indexed, derived, made_run, made_simulation, made_traje
 from matplotlib.figure import Figure
 
 import flexgen
-from flexgen.cli import printing
+from flexgen import display
 from flexgen.identification.result import FitStatus
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.plots.canvas import apply_style
-from flexgen.reports import analysis_page, control_page, html, identification_page, motion, pictures, sentence, video
+from flexgen.reports import (
+    analysis_page,
+    control_page,
+    html,
+    identification_page,
+    motion,
+    pictures,
+    sentence,
+    text_tables,
+    texts,
+    video,
+)
 from flexgen.simulation.result import Simulation
 
 GOLDEN = File(__file__).with_name("pages.txt")
@@ -89,7 +100,7 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
         for label, make in (("solved", one), ("limited", limited), ("not verified", rigid)):
             yield f"{name} {label}, summary", lambda make=make: html._summary(make())
             yield f"{name} {label}, words", lambda make=make: [sentence.in_words(make()), str(make())]
-            yield f"{name} {label}, figures", lambda make=make: printing.figures(printing.figure_rows(make()))
+            yield f"{name} {label}, figures", lambda make=make: text_tables.figures(texts.figure_rows(make()))
         yield f"{name} motors", lambda one=one, name=name: html._motors(derived(name).model, one(), Limits())
         yield f"{name} captions", lambda one=one, name=name: captions(derived(name), one(), analyzed("elbow"))
         yield f"{name} limited captions", lambda limited=limited, name=name: captions(derived(name), limited(), None)
@@ -117,11 +128,11 @@ def solved() -> Iterator[tuple[str, Callable[[], Any]]]:
             [html.number(x) for x in (None, np.inf, 0.0, -1.5e-7, 123456.0, 0.1234567, 2.0, -3.25)]
             + [html._complex(z) for z in (1 + 2j, 3 - 4j, -5 + 1e-9j, 2j, 0j)]
             + [
-                printing.number(x, 3)
+                text_tables.number(x, 3)
                 for x in (None, True, False, 999.94, 1000.0, 9.9999e6, 1e7, -1234.5, np.nan, 7, "x", 0.0123456)
             ]
-            + [printing.duration(x) for x in (0.2, 99.4, 100.0, 150.1)]
-            + printing.roots([(1.0, 2.0), (1.0, -2.0), (1.0, 2.0), (3.0, 0.0), (None, 1.0), (4.0, None)])
+            + [display.duration(x) for x in (0.2, 99.4, 100.0, 150.1)]
+            + text_tables.roots([(1.0, 2.0), (1.0, -2.0), (1.0, 2.0), (3.0, 0.0), (None, 1.0), (4.0, None)])
         ),
     )
 
@@ -141,7 +152,7 @@ def printed() -> Iterator[tuple[str, Callable[[], Any]]]:
     """What the command line prints of models and analyses, on wide and on narrow terminals."""
     for name in ("planar5_nmp", "kr300_efjm", "urdf_arm", "beam_arm", "four_mass"):
         data = {**flexgen.describe(name), "file": "FILE"}
-        yield f"{name} described", lambda data=data: printing.description_text(data)
+        yield f"{name} described", lambda data=data: texts.description_text(data)
         yield f"{name} described, 60 characters", lambda data=data: narrow(data, 60)
     yield "elbow described, 20 characters", lambda: narrow({**flexgen.describe("elbow"), "file": "FILE"}, 20)
     for name in ("planar5_nmp", "elbow", "four_mass"):
@@ -151,8 +162,8 @@ def printed() -> Iterator[tuple[str, Callable[[], Any]]]:
 
 def narrow(data: Any, width: int) -> str:
     """A description on a terminal of this width."""
-    with printing.fit_tables(width):
-        return printing.description_text(data)
+    with text_tables.fit_tables(width):
+        return texts.description_text(data)
 
 
 def rounded(value: Any) -> Any:
@@ -177,7 +188,7 @@ def printed_analysis(name: str) -> str:
     for part, key in (("kunkel_mehrmann", "gap"), ("solvability", "controllability")):
         data[part][key] = 0.5  # computed by singular values
     coordinates = [(c.name, c.unit) for c in model.coordinates]
-    return printing.analysis_text(data, coordinates, [m.name for m in model.motors])
+    return texts.analysis_text(data, coordinates, [m.name for m in model.motors])
 
 
 def pages() -> Iterator[tuple[str, Callable[[], Any]]]:

@@ -100,7 +100,9 @@ def test_configurations_state_limits_branch_and_singularity():
     assert flexgen.kinematics(model, np.array([50.0, 0.0, 0.0]), np.eye(3)) == ()
 
 
-@pytest.mark.parametrize("name", ["kr300", "manutec_r3", str(ROBOTS / "ur5.toml")])
+@pytest.mark.parametrize(
+    "name", ["kr300", pytest.param("manutec_r3", marks=pytest.mark.slow), str(ROBOTS / "ur5.toml")]
+)
 def test_eight_configurations_have_eight_flags(name):
     """Random poses with eight solutions; the Jacobian's determinant is a constant times the product of the parts."""
     model, rng = flexgen.read(name), np.random.default_rng(2)

@@ -16,7 +16,7 @@ import flexgen
 from flexgen.analysis.linear import linearize
 from flexgen.errors import SolverError
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.mean_friction import mean_viscous_change
+from flexgen.mechanics.mean_friction import mean_viscous_change
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import Friction
 

@@ -15,12 +15,13 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import LocalModel
-from flexgen.identification.motion_fit import fit_motion, whiteness
+from flexgen.identification.motion_fit import fit_motion
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.identification.result import FitStatus
 from flexgen.identification.segments import Segments
 from flexgen.loop.hardware import DriveHardware
 from flexgen.model.elements import RobotModel
+from flexgen.numerics.residual_statistics import whiteness
 
 FREE = ["stiffness", "damping"]
 

@@ -32,8 +32,8 @@ NONSENSE: tuple[Any, ...] = (
 # Functions and methods that compute for seconds where nothing is wrong: called with one wrong type at least.
 HEAVY = set(
     "solve sweep generate excite measure frf identify refine fit_motion control feedback_study tune fastest "
-    "identify_load learn export_fmu score export_mex export_plcopen export_ros2 export_selftest export_simulink "
-    "export_mujoco export_urdf view models kinematics simulate load check report verdict then plot "
+    "identify_load learn compare export_fmu score export_mex export_plcopen export_ros2 export_selftest "
+    "export_simulink export_mujoco export_urdf view models kinematics simulate load check report verdict then plot "
     "to_dataframe to_xarray to_control".split()
 )
 NEVER = {"executor", "controller", "raw"}  # objects of the user, called by flexgen
@@ -202,7 +202,8 @@ def raised(call: Callable[..., Any], args: Any, kwargs: dict[str, Any]) -> BaseE
     try:
         call(*args, **kwargs)
     except (Exception, _Hang) as error:
-        return error
+        # A wrapper of C code that _stop interrupts raises a SystemError from it.
+        return error.__cause__ if isinstance(error.__cause__, _Hang) else error
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)

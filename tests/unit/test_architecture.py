@@ -113,32 +113,27 @@ MOST = 8
 # Functions and methods of flexgen with more parameters (without self) than `MOST`; each number may only fall, and new
 # functions take a record of options. Those of verbs are the options of the command line, see test_former_names.py.
 PARAMETERS = {
-    "benchmarks/tune.py tune": 9,
-    "exports/fmu/export.py export_fmu": 11,
-    "exports/ros2/export.py export_ros2": 9,
-    "identification/experiments/plan.py excite": 17,
-    "identification/graybox.py identify": 16,
-    "identification/motion_fit.py fit_motion": 10,
-    "inversion/solve.py solve": 17,
-    "lab/initial_value.py result_of_states": 9,
-    "library/generate.py generate": 14,
-    "loop/closed_loop.py __init__": 15,
-    "loop/control.py control": 14,
-    "loop/control.py control_case": 13,
-    "numerics/nlp.py solve_nlp": 14,
-    "observers/constant_gain.py __init__": 9,
-    "observers/extended_kalman.py __init__": 9,
-    "performance/learn.py _iterate": 9,
-    "performance/learn.py learn": 14,
-    "planning/problem.py solve": 9,
-    "planning/result.py make_solution": 9,
-    "runtime/calls.py __init__": 11,
-    "runtime/library.py stream": 11,
+    "benchmarks/tune.py tune": 9,  # a verb
+    "exports/fmu/export.py export_fmu": 11,  # a verb
+    "exports/ros2/export.py export_ros2": 9,  # a verb
+    "identification/experiments/plan.py excite": 17,  # a verb
+    "identification/graybox.py identify": 16,  # a verb
+    "identification/motion_fit.py fit_motion": 10,  # a verb
+    "inversion/solve.py solve": 17,  # a verb
+    "library/generate.py generate": 14,  # a verb
+    "loop/closed_loop.py __init__": 15,  # robots, drives and noise are given apart by five callers with other choices
+    "loop/control.py control": 14,  # a verb
+    "loop/control.py control_case": 13,  # the options of the verb control but the controller
+    "observers/constant_gain.py __init__": 9,  # a public class with keywords
+    "observers/extended_kalman.py __init__": 9,  # a public class with keywords
+    "performance/learn.py learn": 14,  # a verb
+    "planning/problem.py solve": 9,  # a method of a public class
+    "runtime/calls.py __init__": 11,  # a public class; the arguments are the entries of the manifest
+    "runtime/library.py stream": 11,  # a method of a public class
     "runtime/limited_inversion.py __call__": 18,  # the members of the options in C
     "runtime/path_inversion.py __call__": 14,  # the members of the options in C
-    "runtime/path_inversion.py __init__": 9,
-    "runtime/stream.py __init__": 13,
-    "simulation/simulate.py simulate": 9,
+    "runtime/stream.py __init__": 13,  # the options of `Library.stream`
+    "simulation/simulate.py simulate": 9,  # a verb
 }
 
 MODULES_OF_SOLVE, MODULES_OF_VERSION = 90, 8  # loaded by `flexgen.solve`, before a call, and by `flexgen --version`
@@ -398,6 +393,16 @@ def large_rooms(texts: dict[str, str]) -> list[str]:
     return [f"{name}: {n} lines, at most {most[name]} in this room" for name, n in rooms.items() if n > most[name]]
 
 
+def computing(imports: Iterable[Import]) -> list[str]:
+    """Imports of packages for numbers in the command line, late ones too."""
+    heavy = HEAVY | {"flexgen.numerics"}
+    return [
+        f"{found.module}:{found.line} imports {found.target}"
+        for found in imports
+        if room(found.module) == "cli" and any(f"{found.target}.".startswith(f"{name}.") for name in heavy)
+    ]
+
+
 # --- the rules --------------------------------------------------------------------------------------------------------
 def test_every_room_has_a_floor():
     unknown = {room(module) for module in sources()} - set(FLOORS)
@@ -465,6 +470,17 @@ def test_nothing_heavy_behind_help():
     assert {m: sorted(HEAVY & reached(m, imports)) for m in ["flexgen", *modules_of(INSTANT, texts)]} == {
         m: [] for m in ["flexgen", *modules_of(INSTANT, texts)]
     }
+
+
+def test_the_command_line_computes_nothing():
+    """Late imports too: what computes is in the room of the result, where Python users find it."""
+    assert computing(all_imports(sources())) == []
+
+
+def test_planted_arrays_in_the_command_line_are_seen():
+    texts = sources()
+    texts["flexgen.cli.verbs.run"] += "\ndef late():\n    import numpy as np\n"
+    assert len(computing(all_imports(texts))) == 1
 
 
 def test_runtime_needs_numpy_and_the_ground_floor_only():

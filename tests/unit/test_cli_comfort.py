@@ -18,10 +18,10 @@ import pytest
 
 from flexgen.cli.main import main
 from flexgen.cli.parser import build_parser, parse
-from flexgen.cli.printing import fit_tables, table
 from flexgen.cli.verbs.completion import verbs
 from flexgen.library import compiler
 from flexgen.model.catalogue import models
+from flexgen.reports.text_tables import fit_tables, table
 from flexgen.sweeps.summary import group_reasons
 from flexgen.verbs import LISTS
 

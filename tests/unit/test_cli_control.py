@@ -11,7 +11,7 @@ from toolchain import needs_compiler
 
 from flexgen.benchmarks.scenario_file import scenario
 from flexgen.cli.main import main
-from flexgen.cli.printing import duration
+from flexgen.display import duration
 
 pytestmark = needs_compiler
 

@@ -55,7 +55,7 @@ def in_loops(program: Routine) -> bool:
     return any(isinstance(step, Columns) for step in program.steps)
 
 
-@pytest.mark.parametrize("robot", [pytest.param("dense", marks=pytest.mark.slow), "sliding", "hollow"])
+@pytest.mark.parametrize("robot", [*(pytest.param(x, marks=pytest.mark.slow) for x in ("dense", "sliding")), "hollow"])
 def test_derivatives_and_mass_matrix_are_the_lagrangians(robot):
     equations = derive(ROBOTS[robot]())
     rng = np.random.default_rng(1)

@@ -272,7 +272,9 @@ def solve_program(n: int, columns: int, unit: bool, banded: bool) -> tuple[Routi
 @pytest.mark.parametrize(
     ("n", "columns", "unit", "banded"), [(2, 3, False, False), (5, 4, True, True), (9, 20, True, False)]
 )
-@pytest.mark.parametrize("flags", [(), ("-march=native",), ("-DSMALL_NO_VECTORS",)])
+@pytest.mark.parametrize(
+    "flags", [(), pytest.param(("-march=native",), marks=pytest.mark.slow), ("-DSMALL_NO_VECTORS",)]
+)
 def test_loops_solve(n, columns, unit, banded, flags, tmp_path):
     program, inputs, outputs = solve_program(n, columns, unit, banded)
     assert not banded or program.steps[1].profile == tuple(max(0, i - 2 + 1) for i in range(n))

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 import flexgen
-from flexgen.cli.printing import figure_rows
-from flexgen.cli.verbs.solve import inaccuracy
 from flexgen.display import format_size
 from flexgen.inversion import solve as solve_module
+from flexgen.inversion.problem_text import problem_of
+from flexgen.reports.texts import figure_rows
 from flexgen.simulation.simulate import simulate
 from flexgen.sweeps.table import RESULTS
 from flexgen.sweeps.worker import _row
@@ -80,7 +80,7 @@ def test_an_error_of_the_angle_alone_is_shown_in_radians(table: Path, monkeypatc
     assert run.tool_error_max_m is not None and run.tool_error_max_m < 1e-8
     assert run.tool_error_max_rad is not None and run.tool_error_max_rad > 1e-4
     shown = dataclasses.replace(solution, simulation=run, status=flexgen.Status.TOLERANCE_NOT_MET)
-    for text in (str(shown), repr(run), inaccuracy(shown, 1e-5)):
+    for text in (str(shown), repr(run), problem_of(shown, 1e-5)):
         assert format_size(run.tool_error_max_rad, "rad") in text, text
     units = [unit for label, value, unit in figure_rows(shown) if label == "simulated output error, largest" and value]
     assert units == ["um", "urad"] or units == ["um", "mrad"]

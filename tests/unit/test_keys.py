@@ -6,12 +6,16 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 from key_page import OTHERS, PAGE, TABLES, page
 
+import flexgen
+from flexgen.model.elements import Motor
 from flexgen.model.format_robot import BODY, SPRING
+from flexgen.model.reader import read
 from flexgen.spec.keys import Form, Key, Kinds
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -114,3 +118,15 @@ def test_table_of_springs_in_the_readme_is_that_of_the_rows() -> None:
     text = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
     assert springs_of(text) == {kind: form.names for kind, form in SPRING.kinds.items()}
     assert springs_of(text.replace("stiffness, gap, smoothing", "stiffness, gap")) != springs_of(text)
+
+
+@dataclass(frozen=True)
+class _StrongMotor(Motor):
+    power_max: float | None = None  # as a new key would add it
+
+
+def test_a_new_attribute_of_a_motor_is_in_its_description() -> None:
+    model = read("elbow")
+    motors = tuple(_StrongMotor(**vars(motor), power_max=90.0) for motor in model.motors)
+    before, after = (flexgen.describe(m)["motors"][0] for m in (model, replace(model, motors=motors)))
+    assert after == before | {"power_max": 90.0}

@@ -38,10 +38,11 @@ PYTHON = "class Mine:\n    def reset(self): ...\n    def step(self, k, y, ref): 
 
 
 @pytest.fixture
-def give(monkeypatch) -> Callable[[Path], None]:
+def give(monkeypatch, tmp_path) -> Callable[[Path], None]:
     """Give a folder to another user: truly as root, else in what its stat says."""
 
     def give_away(path: Path) -> None:
+        assert path.is_relative_to(tmp_path)
         if os.geteuid() == 0:
             os.chown(path, OTHER, -1)
             return

@@ -135,7 +135,7 @@ def test_the_result_of_states_has_accelerations_and_gear_torques() -> None:
     t = np.linspace(-0.1, 1.0, 34)
     found = bdf.march(case.dae, case.path, t, case.x_eq, 2)
     made = initial_value.result_of_states(
-        case.problem, case.dae, t, found.x, found.dx, iterations=7, verdict="v", details={"a": 1}
+        case.problem, case.dae, initial_value.States(t, found.x, found.dx), iterations=7, verdict="v", details={"a": 1}
     )
     model, n = case.dae.model, case.dae.n
     assert (made.preactuation, made.verdict, made.iterations, made.intervals) == (0.1, "v", 7, 33)
@@ -151,12 +151,23 @@ def test_the_result_of_states_has_accelerations_and_gear_torques() -> None:
         needed = model.eta.T @ (made.motors.tau_m[k] - inertia * made.motors.a_m[k] - friction)
         assert_allclose(made.tau_g[k], needed, rtol=1e-6, atol=1e-6)
     more = initial_value.result_of_states(
-        case.problem, case.dae, t - t[0], found.x, found.dx, iterations=1, verdict="v", details={}, intervals=4
+        case.problem,
+        case.dae,
+        initial_value.States(t - t[0], found.x, found.dx),
+        iterations=1,
+        verdict="v",
+        details={},
+        intervals=4,
     )
     assert more.intervals == 4 and more.preactuation == 0.0
     with pytest.raises(SolverError, match="v: the motion is not finite; take a finer"):
         initial_value.result_of_states(
-            case.problem, case.dae, t, found.x, found.dx * np.nan, iterations=1, verdict="v", details={}
+            case.problem,
+            case.dae,
+            initial_value.States(t, found.x, found.dx * np.nan),
+            iterations=1,
+            verdict="v",
+            details={},
         )
 
 

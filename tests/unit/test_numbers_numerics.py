@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import casadi as ca
@@ -332,16 +333,12 @@ def test_a_nonlinear_program_with_all_that_can_be_given() -> None:
     def hessian(lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:
         return ca.triu(lam_f * ca.DM([[2, 0], [0, 2]]) + lam_g * ca.DM([[0, 1], [1, 0]]))
 
-    arguments = dict(bounds_g=(1.0, 1.0), bounds_x=(np.array([-9.0, -9.0]), np.array([1.5, 9.0])))
+    plain = nlp.NonlinearProgram(x=x, cost=cost, g=g, lower=1.0, upper=1.0)
+    arguments = dict(bounds_x=(np.array([-9.0, -9.0]), np.array([1.5, 9.0])))
     slope = ca.horzcat(x[1], x[0])
     found = nlp.solve_nlp(
-        x,
-        cost,
-        g,
-        slope,
-        hessian,
+        replace(plain, jacobian=slope, hessian=hessian, gradient=ca.gradient(cost, x).T),
         np.array([1.0, 1.0]),
-        gradient=ca.gradient(cost, x).T,
         progress=lines.append,
         **arguments,
     )
@@ -353,10 +350,10 @@ def test_a_nonlinear_program_with_all_that_can_be_given() -> None:
     assert_allclose(found.g, [1.0], atol=1e-9)
     assert len(lines) == found.iterations + 1 and lines[0].startswith("IPOPT iteration   0: cost  2.000e+00")
     assert "constraints  0.00e+00" in lines[0] and lines[-1].startswith(f"IPOPT iteration {found.iterations:3d}")
-    warm = nlp.solve_nlp(x, cost, g, None, None, y, multipliers=found.multipliers, **arguments)
+    warm = nlp.solve_nlp(plain, y, multipliers=found.multipliers, **arguments)
     assert warm.success and warm.iterations < found.iterations
     assert_allclose(warm.x, y, atol=1e-8)
-    short = nlp.solve_nlp(x, cost, g, None, None, np.array([1.0, 5.0]), max_iterations=1, **arguments)
+    short = nlp.solve_nlp(plain, np.array([1.0, 5.0]), max_iterations=1, **arguments)
     assert not short.success and short.status == "Maximum_Iterations_Exceeded" and short.iterations == 1
-    free = nlp.solve_nlp(x, cost, x[1] - 3, None, 2 * ca.DM.eye(2), np.zeros(2))
+    free = nlp.solve_nlp(nlp.NonlinearProgram(x=x, cost=cost, g=x[1] - 3, hessian=2 * ca.DM.eye(2)), np.zeros(2))
     assert_allclose(free.x, [2.0, 3.0], atol=1e-8)

@@ -169,11 +169,11 @@ class Learned:
     def __init__(self, errors: list[float], fails: int = -1) -> None:
         self.errors, self.asked, self.time, self.outputs, self.fails = errors, [], np.zeros(3), 1, fails
 
-    def case(self, correction: np.ndarray, seed: int) -> tuple[float, int]:
+    def case(self, correction: np.ndarray, iteration: int) -> tuple[float, int]:
         if len(self.asked) == self.fails:
             raise SolverError("no way")
-        self.asked.append((correction.copy(), seed))
-        return float(self.errors[len(self.asked) - 1]), seed
+        self.asked.append((correction.copy(), iteration))
+        return float(self.errors[len(self.asked) - 1]), iteration
 
     def error(self, run: object, name: str) -> np.ndarray:
         return np.full((3, 1), run.size)
@@ -196,7 +196,7 @@ def iterate(robot: Learned, noisy: bool = False, iterations: int = 4, gain: floa
         return Run(size=case[0])
 
     seen = (lambda x: x) if noisy else learn._plain
-    return learn._iterate(robot, run, seen, "robot", iterations, gain, 10.0, 7, lambda line: None)
+    return learn._iterate(robot, run, seen, "robot", iterations, gain, 10.0, lambda line: None)
 
 
 @pytest.mark.parametrize(
@@ -219,7 +219,7 @@ def test_learning_ends_where_the_error_grows(
     runs, corrections, found, stopped, shown = iterate(robot, noisy)
     assert (found, len(runs), len(corrections), stopped) == (best, count, count, text)
     assert_array_equal(shown, [np.inf if not np.isfinite(e) else e for e in errors[:count]])
-    assert [seed for _, seed in robot.asked] == list(range(7, 7 + count))
+    assert [iteration for _, iteration in robot.asked] == list(range(count))
     expected = 0.0
     for k in range(count):
         assert_allclose(corrections[k], expected)

@@ -129,3 +129,30 @@ def test_each_result_draws_its_picture_and_writes_its_page(made, tmp_path):
             assert figure.axes and (tmp_path / f"{k}.png").stat().st_size > 5000, name
         page = result.report(tmp_path / str(k))
         assert page.name == "index.html" and "<table" in page.read_text(encoding="utf-8"), name
+
+
+@pytest.mark.parametrize("verb", ["analyze", "check", "plan"])
+def test_the_command_line_prints_the_text_of_the_result(verb, capsys):
+    from flexgen.cli.main import main
+
+    assert main([verb, "elbow", "-q"]) == 0
+    assert capsys.readouterr().out == getattr(flexgen, verb)("elbow").to_text() + "\n"
+
+
+def test_text_of_a_result_without_tables_is_that_of_print():
+    planted = type("Planted", (Result,), {"__str__": lambda self: "three words"})()
+    assert planted.to_text() == "three words"
+
+
+def test_a_tool_pose_of_joints_is_that_of_the_equations():
+    from flexgen.inverse_kinematics.tool_pose import ToolPose
+    from flexgen.numerics.evaluate import evaluate
+
+    model = flexgen.read("elbow")
+    pose = ToolPose.of_joints(model, [0.3, -0.7])
+    q = np.zeros(model.n_a)
+    q[list(model.i_g)] = 0.3, -0.7
+    p, R = evaluate(flexgen.derive(model).function("forward_kinematics"), q[None])
+    assert np.allclose(pose.position, np.ravel(p), atol=1e-14) and np.allclose(pose.rotation.ravel(), np.ravel(R))
+    with pytest.raises(ArgumentError, match="given 3 numbers, expected 2"):
+        ToolPose.of_joints(model, [0.3, -0.7, 0.1])

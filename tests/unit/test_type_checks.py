@@ -56,7 +56,7 @@ REFUSED = {
     "mapping": (Mapping[str, float], [None, [("a", 1)], {1: 1}, {"a": "b"}, {"a": np.nan, "b": "x"}]),
     "function": (Callable[[str], None], [None, "print"]),
     "choice": (Literal["a", 2], ["b", 3, True, None, ["a"], np.array(["a"])]),
-    "choice_or_off": (Literal["a", False], ["b", True, None, ["a"]]),
+    "choice_or_off": (Literal["a", False], ["b", 0, np.int64(0), 1, True, None, ["a"]]),
 }
 
 

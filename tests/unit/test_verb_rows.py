@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import inspect
 import re
+import subprocess
+import sys
 from pathlib import Path
 
+import export_tables
 import pytest
 
 import flexgen
@@ -131,6 +134,60 @@ def test_the_page_of_the_command_line_names_each_verb_once():
     table = page.read_text(encoding="utf-8").partition("| verb |")[2].partition("\n\n")[0]
     named = [name for line in table.splitlines()[2:] for name in re.findall(r"`(\w+)[^`]*`", line.split("|")[1])]
     assert sorted(named) == sorted({name.partition(" ")[0] for name in VERBS})
+
+
+def test_the_tables_of_exports_are_those_of_the_rows():
+    for page, text in export_tables.pages().items():
+        assert page.read_text(encoding="utf-8") == text, f"{page}: make golden writes it"
+
+
+PLANTED_MODULE = """
+def export_planted(model, path, *, digits: int = 7):
+    return f"{model} {path} {digits}"
+"""
+PLANTED_ROW = """registry.EXPORTS |= {
+    "planted": registry.Export(
+        "flexgen.exports.planted", "[planted](planted.md)", "Write a name.",
+        "\\n    files\\n        digits N whole_1: of the name; default: {default}"
+        "\\n        out FILE required: write this file"
+    ),
+"""
+USED = """
+import sys
+sys.path.append(sys.argv[1])
+import flexgen, export_tables
+from flexgen.cli.main import main
+from flexgen.registry import EXPORTS
+print(flexgen.export_planted("elbow", "elbow.txt"), "export_planted" in dir(flexgen))
+print(export_tables.readme_table(EXPORTS), export_tables.command_row(EXPORTS))
+main(["export", "planted", "--help"])
+"""
+
+
+def test_a_new_export_needs_its_module_and_its_row(tmp_path):
+    package = Path(flexgen.__file__).parent
+    for source, copy in ((package, tmp_path / "flexgen"), (package / "exports", tmp_path / "flexgen" / "exports")):
+        copy.mkdir()
+        for entry in source.iterdir():
+            if entry.name not in ("__init__.py", "exports", "__pycache__"):
+                (copy / entry.name).symlink_to(entry)
+        (copy / "__init__.py").write_text((source / "__init__.py").read_text(encoding="utf-8"), encoding="utf-8")
+    front = tmp_path / "flexgen" / "__init__.py"
+    before = front.read_text(encoding="utf-8")
+    front.write_text(before.replace("registry.EXPORTS |= {\n", PLANTED_ROW), encoding="utf-8")  # file 1
+    (tmp_path / "flexgen" / "exports" / "planted.py").write_text(PLANTED_MODULE, encoding="utf-8")  # file 2
+    support = str(Path(export_tables.__file__).parent)
+    command = [sys.executable, "-c", USED, support]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for found in (
+        "elbow elbow.txt 7 True",
+        "| `planted` | `export_planted` | `planted.py` | Write a name | [planted](../../docs/planted.md) |",
+        "writes the robot for another tool: `planted` ([planted](planted.md)), `fmu`",
+        "usage: flexgen export planted",
+        "of the name; default: 7",
+    ):
+        assert found in done.stdout
 
 
 def test_choices_contain_the_default():

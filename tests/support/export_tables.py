@@ -1,0 +1,48 @@
+"""The tables of exports in two pages, from the rows in `flexgen/__init__.py`: run this file to write them anew."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import groupby
+from pathlib import Path
+
+import flexgen  # fills registry.EXPORTS
+from flexgen.registry import EXPORTS, Export
+
+ROOT = Path(flexgen.__file__).resolve().parents[1]
+README, COMMANDS = ROOT / "flexgen" / "exports" / "README.md", ROOT / "docs" / "command_line.md"
+HEAD = "| `flexgen export` | function | in | what it does | page |\n|---|---|---|---|---|\n"
+START = "| `export KIND` | writes the robot for another tool: "
+
+
+def readme_table(exports: Mapping[str, Export]) -> str:
+    """Command, function, file or folder, summary and page of each export."""
+    lines = []
+    for name, export in exports.items():
+        file, _, inside = export.module.removeprefix("flexgen.exports.").partition(".")
+        what, page = export.summary.rstrip("."), export.page.replace("](", "](../../docs/")
+        lines.append(f"| `{name}` | `export_{name}` | `{file}{'/' if inside else '.py'}` | {what} | {page} |\n")
+    return HEAD + "".join(lines)
+
+
+def command_row(exports: Mapping[str, Export]) -> str:
+    """The row of ``export`` in the table of commands: neighbors with the same page share its link."""
+    groups = groupby(exports, key=lambda name: exports[name].page)
+    return START + ", ".join(f"{' and '.join(f'`{name}`' for name in of)} ({page})" for page, of in groups) + " |\n"
+
+
+def pages(exports: Mapping[str, Export] = EXPORTS) -> dict[Path, str]:
+    """The texts of both pages, with their tables written anew."""
+    readme, commands = (page.read_text(encoding="utf-8") for page in (README, COMMANDS))
+    table = re.compile(re.escape(HEAD) + r"(\| .*\n)*")
+    row = re.compile(re.escape(START) + r".*\n")
+    return {
+        README: table.sub(lambda _: readme_table(exports), readme),
+        COMMANDS: row.sub(lambda _: command_row(exports), commands),
+    }
+
+
+if __name__ == "__main__":
+    for file, text in pages().items():
+        file.write_text(text, encoding="utf-8")
