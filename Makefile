@@ -38,10 +38,12 @@ setup-dev: setup-test setup-lint   ## everything
 $(VENV)/.installed: pyproject.toml
 	@command -v $(PYTHON) >/dev/null || { echo "flexgen: $(PYTHON) not found; install Python 3.11 or newer, or name one: make PYTHON=/path/to/python" >&2; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "flexgen: $$($(PYTHON) --version) is too old, expected 3.11 or newer: make PYTHON=/path/to/python" >&2; exit 1; }
-	@command -v $${CC:-cc} >/dev/null || command -v gcc >/dev/null || command -v clang >/dev/null || echo "flexgen: warning: no C compiler found (cc, gcc or clang): C can be written, but not compiled; install the Debian package gcc" >&2
 	@echo "flexgen: installing into $(VENV) (about half a minute)"
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) .
+	@command -v $${CC:-cc} >/dev/null || command -v gcc >/dev/null || command -v clang >/dev/null || { \
+		echo "flexgen: no C compiler found (cc, gcc or clang): installing the package ziglang, which has one (about 100 MB)"; \
+		$(INSTALL) '.[compiler]' || echo "flexgen: warning: no C compiler: C can be written, but not compiled; install the Debian package gcc" >&2; }
 	@touch $@
 
 $(VENV)/.test: $(VENV)/.installed

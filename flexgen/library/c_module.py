@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from flexgen.errors import BuildError
-from flexgen.library.compiler import Compiler, find_compiler
+from flexgen.library.compiler import NO_COMPILER, Compiler, find_compiler
 from flexgen.library.object_cache import cache_folder, one_at_a_time
 from flexgen.runtime.files import load_verified, private_copy, read_library, verify_file
 
@@ -70,7 +70,7 @@ def compile_module(
     """
     compiler = find_compiler(native=native)
     if compiler is None:
-        raise BuildError("C compiler: given none, expected cc, gcc or clang on the PATH; install gcc")
+        raise BuildError(NO_COMPILER)
     mark = hashlib.sha256("\0".join((compiler.identity, level, text)).encode()).hexdigest()[:32]
     root = cache_folder()
     kept = root / "modules" if root is not None else Path(_temporary().name)

@@ -1,11 +1,14 @@
 """The C compiler: find it, read its version, target and macros, and run it on the sources of a library.
 
+Where none is on the PATH, it is that of the package ziglang, if installed (extra ``compiler``).
+
 No shell is involved, and of the flags in ``$CC`` only those that change speed or the kind of machine are accepted.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import os
 import re
 import shlex
@@ -55,6 +58,11 @@ OPENMP = "-fopenmp"
 SECONDS_PER_BYTE = 7e-6  # of one core, to compile a source
 LONG = 20.0  # s; the expected time of a longer compilation is reported
 
+NO_COMPILER = (
+    "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; install one (such as the package gcc or "
+    "build-essential, or without root rights pip install 'flexgen-robotics[compiler]')"
+)
+
 _COMPILERS = ("cc", "gcc", "clang")
 _ARCHIVERS = ("ar", "gcc-ar", "llvm-ar")
 _ALLOWED_FLAG = re.compile(r"-(O[0-3]|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z")
@@ -90,6 +98,8 @@ class Compiler:
     straight, functions, solvers, others : tuple of str
         More flags, for sources with emitted mathematics and other C, for those with the mathematics of a function
         alone, for `SOLVERS`, and for the other hand-written sources.
+    archiver : tuple of str
+        The words to run its own archiver with; empty: the archiver is on the PATH.
     """
 
     command: tuple[str, ...]
@@ -101,10 +111,11 @@ class Compiler:
     functions: tuple[str, ...] = ()
     solvers: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    archiver: tuple[str, ...] = ()
 
 
 def find_compiler(*, native: bool = False, openmp: bool = False, isa: str = "native") -> Compiler | None:
-    """The compiler of $CC, or else the first of cc, gcc and clang; None where there is none.
+    """The compiler of $CC, else the first of cc, gcc, clang and the package ziglang; None where there is none.
 
     Parameters
     ----------
@@ -135,7 +146,9 @@ def _find_compiler(native: bool, openmp: bool, isa: str, cc: str | None, path: s
     program = tuple(word for word in chosen if not word.startswith("-"))
     own = [word for word in chosen if word.startswith("-")]
     flags = [*own, *(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp]
-    target = [] if native or any(word.startswith("-m") for word in own) else [f"-march={isa}"]
+    packaged = chosen == _packaged_compiler()
+    march = f"-march={isa.replace('-', '_') if packaged else isa}"  # in Zig "-" takes a feature away
+    target = [] if native or any(word.startswith("-m") for word in own) else [march]
     try:
         version = _output([*chosen, "--version"], "").stdout.strip().partition("\n")[0]
         world = _output([*program, *flags, *target, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
@@ -163,7 +176,8 @@ def _find_compiler(native: bool, openmp: bool, isa: str, cc: str | None, path: s
     solvers = (*SOLVER_FLAGS, *others)
     identity = hashlib.sha256("\0".join((version, *flags, *solvers, *functions, world.stdout)).encode()).hexdigest()
     used = tuple(INSTRUCTION_SETS[word] for word in _DEFINED.findall(world.stdout) if word in INSTRUCTION_SETS)
-    return Compiler(program, version, tuple(flags), identity, used, straight, functions, solvers, others)
+    archiver = (program[0], "ar") if packaged else ()
+    return Compiler(program, version, tuple(flags), identity, used, straight, functions, solvers, others, archiver)
 
 
 def _choose_command() -> list[str] | None:
@@ -175,13 +189,21 @@ def _choose_command() -> list[str] | None:
         raise BuildError(f"$CC: given {given!r}, expected a command ({str(error).lower()})") from None
     if not chosen:
         found = next((name for name in _COMPILERS if shutil.which(name)), None)
-        return None if found is None else [found]
+        return _packaged_compiler() if found is None else [found]
     for word in chosen:
         if word.startswith("-") and not _ALLOWED_FLAG.match(word):
             raise BuildError(f"$CC: given the flag {word!r}, expected optimization, -m32, -m64 or -march=... only")
         if not word.startswith("-") and shutil.which(word) is None:
             raise BuildError(f"$CC: given {word!r}, expected a program that can be found; unset CC or install it")
     return chosen
+
+
+def _packaged_compiler() -> list[str] | None:
+    """The words that run the C compiler of the package ziglang; None where it is not installed."""
+    found = importlib.util.find_spec("ziglang")
+    folders = [] if found is None else list(found.submodule_search_locations or ())
+    program = next((made for folder in folders if (made := shutil.which("zig", path=folder))), None)
+    return None if program is None else [program, "cc"]
 
 
 def _output(command: Sequence[str], text: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -247,9 +269,11 @@ def build_libraries(
     dict
         The part of the manifest that describes the build.
     """
-    archiver = next((found for found in _ARCHIVERS if shutil.which(found)), None)
-    if archiver is None:
+    archiver = compiler.archiver or tuple(found for found in _ARCHIVERS if shutil.which(found))[:1]
+    if not archiver:
         raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
+    if compiler.archiver:
+        log("no cc, gcc or clang on the PATH: the C compiler is that of the package ziglang")
     functions = {file for file in sources if _includes_itself(folder / file)}
 
     def flags_of(file: str) -> list[str]:
@@ -265,7 +289,7 @@ def build_libraries(
     suffix = "dylib" if sys.platform == "darwin" else "so"
     linked, static = f"linked.{suffix}", f"lib{name}.a"
     _run("linker", [*compiler.command, *compiler.flags, "-shared", "-o", linked, *objects, "-lm"], folder, linked)
-    _run("archiver", [archiver, "rcs" if sys.platform == "darwin" else "rcsD", static, *objects], folder, static)
+    _run("archiver", [*archiver, "rcs" if sys.platform == "darwin" else "rcsD", static, *objects], folder, static)
     digest = hashlib.sha256((folder / linked).read_bytes()).hexdigest()
     library = f"lib{name}-{digest[:16]}.{suffix}"
     (folder / linked).rename(folder / library)

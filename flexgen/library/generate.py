@@ -27,7 +27,7 @@ from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, choose_
 from flexgen.deprecation import renamed
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.library.compiler import ISAS, Compiler, IsaName, build_libraries, find_compiler
+from flexgen.library.compiler import ISAS, NO_COMPILER, Compiler, IsaName, build_libraries, find_compiler
 from flexgen.library.directory import (
     MANIFEST,
     check_owned,
@@ -245,9 +245,7 @@ def _generate_folder(
         return _result(target, old, start, cached=True, written=False)
     if build and compiler is None:
         raise BuildError(
-            "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; "
-            "install one (such as the package gcc or build-essential), or write the sources only: "
-            "build=False in Python, --no-build on the command line"
+            f"{NO_COMPILER}, or write the sources only: build=False in Python, --no-build on the command line"
         )
     if known and old is not None:
         manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}

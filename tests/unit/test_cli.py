@@ -271,6 +271,7 @@ def test_generate_with_options(ask, tmp_path):
 
 
 def test_generate_without_a_compiler(ask, run, tmp_path, monkeypatch):
+    monkeypatch.setattr("flexgen.library.compiler._packaged_compiler", lambda: None)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     status, data, _ = ask("generate", "elbow", "--out", tmp_path / "c")

@@ -50,10 +50,11 @@ def test_a_file_without_a_pattern_is_seen():
 def test_extras_are_those_of_the_makefile():
     """Running needs no extra; tests and lint install their own."""
     assert set(SETTINGS["project"]["optional-dependencies"]) == {
-        *("parquet", "distributed", "pandas", "xarray", "control", "docs", "notebooks", "fmi", "test", "lint", "dev")
+        *("parquet", "distributed", "pandas", "xarray", "control", "docs", "notebooks", "fmi", "compiler"),
+        *("test", "lint", "dev"),
     }
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert set(re.findall(r"'\.\[(\w+)\]'", makefile)) == {"test", "docs", "lint"}
+    assert set(re.findall(r"'\.\[(\w+)\]'", makefile)) == {"test", "docs", "lint", "compiler"}
     for heavy in ("mujoco", "pin", "dask", "pyarrow", "pytest", "ruff", "mypy"):
         assert not any(re.match(rf"{heavy}\b", word) for word in SETTINGS["project"]["dependencies"])
 

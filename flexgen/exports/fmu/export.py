@@ -21,7 +21,7 @@ from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.exported import Exported, exported
 from flexgen.exports.fmu.block import Block, config
 from flexgen.exports.fmu.description import build_description, description_2, description_3
-from flexgen.library.compiler import Compiler, find_compiler
+from flexgen.library.compiler import NO_COMPILER, Compiler, find_compiler
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
@@ -202,8 +202,7 @@ def _compiler() -> Compiler:
     found = find_compiler(isa="x86-64" if x86 else "native")
     if found is None:
         raise BuildError(
-            "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; install one (such as the package "
-            "gcc), or write the sources only: binary=False in Python, --no-binary on the command line"
+            f"{NO_COMPILER}, or write the sources only: binary=False in Python, --no-binary on the command line"
         )
     return found
 
