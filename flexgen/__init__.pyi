@@ -115,6 +115,8 @@ from flexgen.runtime.inverse_kinematics import InverseKinematics as InverseKinem
 from flexgen.runtime.library import Library as Library
 from flexgen.runtime.library import load as load
 from flexgen.runtime.limited_inversion import LimitedInverter as LimitedInverter
+from flexgen.runtime.many_inversion import InversionOptions as InversionOptions
+from flexgen.runtime.many_inversion import ManyInverter as ManyInverter
 from flexgen.runtime.path_inversion import Inverter as Inverter
 from flexgen.runtime.path_sampler import PathSampler as PathSampler
 from flexgen.runtime.stream import Stream as Stream

@@ -456,3 +456,93 @@ model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT cons
 #endif
     return status;
 }
+
+/*
+ * --- The function invert_many.
+ *
+ * Problem k reads and writes nothing of another problem, and `invert_problem` keeps no data: problems may be solved in
+ * any order, and at the same time where each has its own workspace.
+ */
+typedef struct {
+    const model_problems *problems;
+    const model_samples *samples;
+    const real *parameters, *q_start;
+    const model_inversion_options *options;
+    const model_motion *motion;
+    model_invert_info *info;
+    model_status *statuses;
+} problem_arrays;
+
+/* Numbers of an array of results from `at` on; a result that is not wanted stays a null pointer. */
+static real *results_from(real *x, ptrdiff_t at)
+{
+    return x == NULL ? NULL : x + at;
+}
+
+static void set_to_nan(real *x, ptrdiff_t count)
+{
+    for (ptrdiff_t i = 0; i < count && x != NULL; ++i) {
+        x[i] = (real)NAN;
+    }
+}
+
+/* Solve problem k of the arrays. */
+static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int64_t work_size)
+{
+    const model_problems *own = a->problems;
+    const model_invert_info unknown = {(real)NAN, (real)NAN, (real)NAN, 0, 0, a->options->n_post, (real)NAN};
+    const ptrdiff_t n = a->samples->n, all = n + a->options->n_pre + a->options->n_post;
+    const ptrdiff_t path = own->own_path ? k * n : 0;
+    const real *q_start = a->q_start + (own->own_q_start ? k : 0) * NA;
+    const real *parameters = a->parameters + (own->own_parameters ? k : 0) * PARAMETERS;
+    model_samples p = *a->samples;
+    model_motion m;
+    (void)parameters;
+    p.y += path * NT;
+    p.dy += path * NY;
+    p.ddy += path * NY;
+    m.q_a = results_from(a->motion->q_a, k * all * NA);
+    m.v_a = results_from(a->motion->v_a, k * all * NA);
+    m.a_a = results_from(a->motion->a_a, k * all * NA);
+    m.tau_g = results_from(a->motion->tau_g, k * all * NG);
+    m.q_m = results_from(a->motion->q_m, k * all * NM);
+    m.v_m = results_from(a->motion->v_m, k * all * NM);
+    m.tau_m = results_from(a->motion->tau_m, k * all * NM);
+    a->info[k] = unknown;
+    a->statuses[k] = model_invert(&p, PASSED_PARAMETERS q_start, a->options, &m, a->info + k, work, work_size);
+    if (a->statuses[k] < 0) {
+        set_to_nan(m.q_a, all * NA);
+        set_to_nan(m.v_a, all * NA);
+        set_to_nan(m.a_a, all * NA);
+        set_to_nan(m.tau_g, all * NG);
+        set_to_nan(m.q_m, all * NM);
+        set_to_nan(m.v_m, all * NM);
+        set_to_nan(m.tau_m, all * NM);
+    }
+}
+
+model_status model_invert_many(const model_problems *problems, const model_samples *samples,
+    PARAMETERS_ARGUMENT const real *q_start, const model_inversion_options *options, model_motion *motion,
+    model_invert_info *info, model_status *statuses, real *work, int64_t work_size)
+{
+    const problem_arrays a = {problems, samples, GIVEN_PARAMETERS, q_start, options, motion, info, statuses};
+    model_status first = MODEL_OK;
+    int64_t wanted;
+    if (problems == NULL || samples == NULL || a.parameters == NULL || q_start == NULL || options == NULL ||
+        motion == NULL || info == NULL || statuses == NULL || work == NULL || samples->y == NULL ||
+        samples->dy == NULL || samples->ddy == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    wanted = model_invert_work(samples->n, options);
+    if (problems->count < 0 || wanted < 0) {
+        return problems->count < 0 ? MODEL_BAD_COUNT : MODEL_BAD_ARGUMENT;
+    }
+    if (work_size < wanted) {
+        return MODEL_WORK_TOO_SMALL;
+    }
+    for (ptrdiff_t k = 0; k < problems->count; ++k) {
+        invert_problem(&a, k, work, work_size);
+        first = first == MODEL_OK && statuses[k] < 0 ? statuses[k] : first;
+    }
+    return first;
+}

@@ -94,6 +94,26 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         (*_whole("invert_info"), _size("invert")),
     ),
     CFunction(
+        "invert_many",
+        "invert.c",
+        "The function invert for many problems: paths, run-time parameters and starts that differ or are shared.",
+        "Each problem has the bits of invert, its own status and its own info. A problem that fails affects no other; "
+        "its results are NaN. The status of the first problem with a negative one is returned. The problems are solved "
+        "one after the other in one workspace, that of invert: for several cores, give each thread a part of the "
+        "arrays and a workspace of its own.",
+        (
+            Field("problems", "const problems *", (), "", ""),
+            Field("samples", "const samples *", (), "", "samples of the outputs: n and period of all paths are equal"),
+            Field("q_start", "const real *", ("count", "n_a"), "mixed", "initial guesses, as of invert"),
+            Field("options", "const inversion_options *", (), "", ""),
+            Field("motion", "motion *", (), "", f"results, count times N = {_N}"),
+            Field("info", "invert_info *", ("count",), "", "what the solver reports"),
+            Field("statuses", "status *", ("count",), "", "of each problem"),
+            Field("work", "real *", ("work_size",), "", "workspace"),
+            _size("invert"),
+        ),
+    ),
+    CFunction(
         "bvp_work",
         "bvp.c",
         "Length of the workspace of bvp, in reals; -1 where an option is out of range.",
@@ -336,4 +356,7 @@ def _with_parameters(function: CFunction) -> CFunction:
     if not inputs:
         return function
     at = inputs[0]
-    return replace(function, arguments=(*function.arguments[:at], _GIVEN, *function.arguments[at:]))
+    given = replace(
+        _GIVEN, extents=(*function.arguments[at].extents[:-1], "n_p")
+    )  # as many as q_start, for invert_many
+    return replace(function, arguments=(*function.arguments[:at], given, *function.arguments[at:]))

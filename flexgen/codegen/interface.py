@@ -220,6 +220,16 @@ STRUCTS: tuple[Struct, ...] = (
             Field("tau_m", "real *", ("N", "n_m"), "N m", "motor torques"),
         ),
     ),
+    Struct(
+        "problems",
+        "Problems of invert_many, one behind the other in its arrays.",
+        (
+            Field("count", "int", (), "1", "number of problems"),
+            Field("own_path", "int", (), "1", "1: each has its own y, dy and ddy; 0: all have those of one path"),
+            Field("own_parameters", "int", (), "1", "1: each has its own run-time parameters; 0: all have the same"),
+            Field("own_q_start", "int", (), "1", "1: each has its own q_start; 0: all have the same"),
+        ),
+    ),
     Struct("invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED, _GROWTH)),
     Struct(
         "bvp_info",

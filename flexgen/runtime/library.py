@@ -22,6 +22,7 @@ from flexgen.runtime.growth import Growth, growth_of
 from flexgen.runtime.identity import REALS, entry_of, read_manifest, verify
 from flexgen.runtime.inverse_kinematics import InverseKinematics, inverse_kinematics_of
 from flexgen.runtime.limited_inversion import LimitedInverter
+from flexgen.runtime.many_inversion import ManyInverter
 from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
 from flexgen.runtime.processor import missing_instruction_sets
@@ -122,8 +123,13 @@ class Library:
         return self._inverter("invert", _INVERTS)
 
     @property
+    def invert_many(self) -> ManyInverter:
+        """The same for many problems on all cores; ArgumentError where the library has none."""
+        return ManyInverter(self.invert)
+
+    @property
     def bvp(self) -> Inverter:
-        """The same as a two-point boundary value problem; ArgumentError where the library has none."""
+        """`invert` as a two-point boundary value problem; ArgumentError where the library has none."""
         return self._inverter("bvp", "one that was generated with parts=['bvp'] (--with bvp)")
 
     @property
@@ -221,11 +227,10 @@ class Library:
         SolverError
             Where there is no equilibrium with this output.
         """
-        if self._closed or self.streams is None:
-            given = "that was closed" if self._closed else "without streams"
-            raise ArgumentError(
-                f"{self.name}: given a library {given}, expected {'an open one' if self._closed else _INVERTS}"
-            )
+        if self._closed:
+            raise closed_error(self.name)
+        if self.streams is None:
+            raise ArgumentError(f"{self.name}: given a library without streams, expected {_INVERTS}")
         return Stream(
             self.sizes,
             self.streams,
@@ -257,11 +262,9 @@ class Library:
         self._closed = True
         for function in self.functions.values():
             function.close(self.name)
-        for inverter in self._inverters.values():
-            if inverter is not None:
-                inverter.close()
-        if self._inverse_kinematics is not None:
-            self._inverse_kinematics.close()
+        for solver in (*self._inverters.values(), self._inverse_kinematics):
+            if solver is not None:
+                solver.close()
         for offered in (self.streams, self.samplers, self._growth):
             if offered is not None:
                 offered.closed.set()
@@ -371,11 +374,8 @@ def _load(folder: Path, sha256: str | None) -> Library:
             )
         library = load_verified(trusted / file, recorded)
         verify(library, manifest)
-        failures = {
-            status["code"]: (_exception(status["exception"]), status["text"])
-            for status in manifest["statuses"]
-            if status["code"] < 0
-        }
+        negative = [status for status in manifest["statuses"] if status["code"] < 0]
+        failures = {status["code"]: (_exception(status["exception"]), status["text"]) for status in negative}
         parameters = _parameters(library, manifest)
         functions = {
             f["name"]: _function(library, manifest, f, failures, parameters, (str(trusted), recorded, f["name"]))

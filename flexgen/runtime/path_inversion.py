@@ -21,7 +21,7 @@ from flexgen.runtime.identity import TOLERANCES
 from flexgen.runtime.structs import Failures, Interface, closed_error, failure_of, interface_of, struct_of
 
 TOLERANCE = TOLERANCES["double"]
-_RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
+RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
 @dataclass(frozen=True)
@@ -126,6 +126,7 @@ class Inverter:
         self._entry, self._work, self._failures = entry, work, failures
         self._function, self._can_settle = function, function != "bvp"
         self._grows = False  # with the function growth in the library
+        self.entry_many: Callable[..., int] | None = None  # of many problems
         self._pool: list[np.ndarray] = []
         self._again, self._closed = again, False
 
@@ -321,9 +322,12 @@ class Inverter:
 
     def _results(self, total: int) -> dict[str, Any]:
         """Arrays for the results at all samples."""
+        return {key: np.empty((total, width), self._real) for key, width in self._widths().items()}
+
+    def _widths(self) -> dict[str, int]:
+        """Numbers of a sample of each result."""
         n_a, n_g, n_m = (self._sizes[key] for key in ("n_a", "n_g", "n_m"))
-        widths = (n_a, n_a, n_a, n_g, n_m, n_m, n_m)
-        return {key: np.empty((total, width), self._real) for key, width in zip(_RESULTS, widths, strict=True)}
+        return dict(zip(RESULTS, (n_a, n_a, n_a, n_g, n_m, n_m, n_m), strict=True))
 
     def _work_size(self, n: int, options: tuple[Any, ...], counts: dict[str, int]) -> int:
         """Size of the workspace; ArgumentError where a count is out of range."""
@@ -363,6 +367,7 @@ def inverter_of(
     entry = found(f"{name}_{function}")
     made = form(manifest, entry, work, failures, again, function, parameters)
     made._grows = "growth" in offered and made._can_settle
+    made.entry_many = found(f"{name}_{function}_many") if f"{function}_many" in offered else None
     return made
 
 

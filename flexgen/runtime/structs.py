@@ -45,19 +45,23 @@ class Interface:
         Bounds of arguments; in C macros of the same names.
     statuses : mapping of str to int
         Numbers by name.
+    sentences : mapping of int to str
+        What a status means, by its number.
     """
 
     structs: Mapping[str, type[ctypes.Structure]]
     enums: Mapping[str, tuple[str, ...]]
     limits: Mapping[str, int]
     statuses: Mapping[str, int]
+    sentences: Mapping[int, str]
 
 
 def interface_of(manifest: Mapping[str, Any]) -> Interface:
     """The interface of a library; ValueError for a member of an unknown type."""
     enums = {name: tuple(members) for name, members in manifest.get("enums", {}).items()}
     statuses = {status["name"]: int(status["code"]) for status in manifest["statuses"]}
-    return Interface(structs_of(manifest), enums, dict(manifest.get("limits", {})), statuses)
+    sentences = {int(status["code"]): str(status["text"]) for status in manifest["statuses"]}
+    return Interface(structs_of(manifest), enums, dict(manifest.get("limits", {})), statuses, sentences)
 
 
 def structs_of(manifest: Mapping[str, Any]) -> dict[str, type[ctypes.Structure]]:

@@ -104,6 +104,14 @@ typedef struct {
     elbow_real *tau_m; /* N x n_m [N m] motor torques */
 } elbow_motion;
 
+/* Problems of invert_many, one behind the other in its arrays. */
+typedef struct {
+    int count; /* number of problems */
+    int own_path; /* 1: each has its own y, dy and ddy; 0: all have those of one path */
+    int own_parameters; /* 1: each has its own run-time parameters; 0: all have the same */
+    int own_q_start; /* 1: each has its own q_start; 0: all have the same */
+} elbow_problems;
+
 /* What invert reports. */
 typedef struct {
     elbow_real residual; /* residual of the unactuated rows on the mesh, relative as the tolerance */
@@ -233,6 +241,29 @@ ELBOW_API
 elbow_status elbow_invert(const elbow_samples *samples, const elbow_real q_start[ELBOW_NA],
     const elbow_inversion_options *options, elbow_motion *motion, elbow_invert_info *info, elbow_real *work,
     int64_t work_size);
+
+/*
+ * The function invert for many problems: paths, run-time parameters and starts that differ or are shared.
+ *
+ * Each problem has the bits of invert, its own status and its own info. A problem that fails affects no other; its
+ * results are NaN. The status of the first problem with a negative one is returned. The problems are solved one after
+ * the other in one workspace, that of invert: for several cores, give each thread a part of the arrays and a workspace
+ * of its own. Stack: at most 11264 bytes.
+ *
+ *   problems                      see elbow_problems
+ *   samples                       samples of the outputs: n and period of all paths are equal
+ *   q_start   count x n_a [mixed] initial guesses, as of invert
+ *   options                       see elbow_inversion_options
+ *   motion                        results, count times N = n_pre + n + n_post
+ *   info      count               what the solver reports
+ *   statuses  count               of each problem
+ *   work      work_size           workspace
+ *   work_size             [1]     its length, at least invert_work
+ */
+ELBOW_API
+elbow_status elbow_invert_many(const elbow_problems *problems, const elbow_samples *samples,
+    const elbow_real *q_start, const elbow_inversion_options *options, elbow_motion *motion,
+    elbow_invert_info *info, elbow_status *statuses, elbow_real *work, int64_t work_size);
 
 /*
  * Length of the workspace of growth, in reals.

@@ -16,7 +16,8 @@ RETURNED = (ImplicitDae,)  # classes of results without a name in flexgen, docum
 ARRAYS = {"Function.__call__", "Inverter.__call__", "LimitedInverter.__call__", "InverseKinematics.__call__"}
 ARRAYS |= {"PathSampler.__call__", "Stream.update"}
 LOOKUPS = {"__getitem__"}  # errors of a key: KeyError and IndexError are what Python demands
-MADE = {"Function", "Inverter", "LimitedInverter", "InverseKinematics", "Library", "PathSampler", "Stream"}
+MADE = {"Function", "Inverter", "LimitedInverter", "ManyInverter", "InverseKinematics", "Library", "PathSampler"}
+MADE |= {"Stream"}
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def more_objects(folder: Path) -> dict[type, Any]:
     objects = [
         *(run, run.runs[0], run.loops()["begin"], run.margins()["begin"], plan, spectra, responses),
         *(flexgen.check("elbow"), flexgen.identify("elbow", responses, **quiet), library, library.gravity),
-        *(library.invert, library.path_sampler(path.table())),
+        *(library.invert, library.invert_many, library.path_sampler(path.table()), flexgen.InversionOptions()),
         library.stream(path.sample([0.0]).y[0, :, 0], path.q_start, period=5e-3, intervals=20),
         *(flexgen.score("four_mass", steps=1, **quiet), flexgen.fastest("elbow", **quiet)),
         *(flexgen.ExtendedKalmanFilter(robot), flexgen.ConstantGainObserver(known[flexgen.Solution])),

@@ -92,7 +92,7 @@ FLOORS = {
 WITHOUT_CASADI = ["errors", "spec", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only
 HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
-RUNTIME_NEEDS = {"runtime", "counts", "errors", "spec", "type_checks", "types_of_values"}
+RUNTIME_NEEDS = {"runtime", "counts", "errors", "progress", "spec", "type_checks", "types_of_values"}
 RUNTIME_NEEDS |= {"", "deprecation", "registry", "version"}  # the package itself, which is imported with its modules
 
 # Modules that import what a variable names: a name from a table that another module has handed down, or a user's file.

@@ -55,7 +55,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "69964f8acef54e453d27f7249b03a7e07272081b3c94fa43364d1c4954997d41";
+    return "012c3cbb5f1ccc0f6944059f110ba28d1ca6d81647e5703afd0633de89e866a1";
 }
 
 elbow_inversion_options elbow_inversion_defaults(void)
