@@ -326,7 +326,12 @@ for _group, _targets in {
 __all__ = [*_PUBLIC, "__version__"]
 
 
+_MODULES = ("jax",)  # of other packages, imported where they are used
+
+
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"flexgen.{name}")
     if name in _PUBLIC:
         return getattr(importlib.import_module(_PUBLIC[name]), name)
     if name in _FORMER:

@@ -101,7 +101,8 @@ generate MODEL | generate:generate | generate
             default: all
         parameters NAME,NAME,... names: model parameters that become arguments of the functions: payload, stiffness,
             damping, friction, q2.stiffness, ...
-        parts NAME,NAME,... names --with: optional parts: bvp, another method for whole paths, to check invert
+        parts NAME,NAME,... names --with: optional parts: bvp, another method for whole paths, to check invert;
+            derivatives: products with derivatives of the functions, for JAX and PyTorch
         precision NAME in=double/single old=--single=single: of the numbers in C; default: {default}
     compilation
         no_build: write the sources, do not compile

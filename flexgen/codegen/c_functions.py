@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexgen.codegen.clib_types import CFunction, Field
-from flexgen.codegen.interface import OUTPUT, PARTS, RATE, SECOND
+from flexgen.codegen.interface import DERIVATIVES, OUTPUT, PARTS, RATE, SECOND
 from flexgen.codegen.kinematic_functions import kinematic_functions
 from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
@@ -332,7 +332,9 @@ def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str
     for part in parts:
         if part not in PARTS:
             raise ArgumentError(f"parts: given {part!r}, expected some of {', '.join(PARTS)}")
-        if not any(f.part == part for f in offered_c_functions(model, functions, (), precision, parts)):
+        if part != DERIVATIVES and not any(
+            f.part == part for f in offered_c_functions(model, functions, (), precision, parts)
+        ):
             reason = inversion_reason(model, functions) or (
                 "it is in double precision only"
                 if precision != "double"

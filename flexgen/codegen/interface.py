@@ -12,7 +12,8 @@ from flexgen.runtime.identity import TOLERANCES
 
 INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
 DELAY_MAX = 4  # of the drive, in samples
-PARTS = ("bvp",)  # optional parts of a library: hand-written functions that it has only where they are asked for
+DERIVATIVES = "derivatives"
+PARTS = ("bvp", DERIVATIVES)  # optional parts: hand-written functions, or products with derivatives of its functions
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 LIMITS = (
     Limit("STREAM_INTERVALS_MAX", INTERVALS_MAX, "intervals of a horizon, at most"),

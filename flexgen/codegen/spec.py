@@ -15,13 +15,14 @@ import numpy as np
 from flexgen.codegen.c_functions import offered_c_functions
 from flexgen.codegen.clib_types import CFunction, Enum, Struct, signature_of
 from flexgen.codegen.digest import model_digest
-from flexgen.codegen.interface import ENUMS, STRUCTS
+from flexgen.codegen.interface import DERIVATIVES, ENUMS, STRUCTS
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.signatures import (
     COTANGENT,
+    DIFFERENTIATED,
     FLEXIBLE_JOINT,
     FUNCTIONS,
     OPTIONAL,
@@ -251,14 +252,16 @@ def library_name(model: RobotModel) -> str:
     return name
 
 
-def choose_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[str, ...]:
+def choose_functions(names: Sequence[str] | None, model: RobotModel, parts: Sequence[str] = ()) -> tuple[str, ...]:
     """The functions asked for (all that the model has for None), in the order of the table.
+
+    Where ``"derivatives"`` is one of the optional parts, also the products with their derivatives.
 
     ArgumentError for one that is unknown, or that the model does not have.
     """
     offered = offered_functions(model)
     if names is None:
-        return offered
+        return _with_products(offered) if DERIVATIVES in parts else offered
     if isinstance(names, str):
         raise ArgumentError(f"functions: given the text {names!r}, expected a sequence of names")
     for name in names:
@@ -276,7 +279,18 @@ def choose_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[st
             raise ArgumentError(f"functions: given {name!r}, but {reason}; expected some of {', '.join(offered)}")
     if not names:
         raise ArgumentError("functions: given none, expected at least one name, or None for all of them")
-    return tuple(row.name for row in TABLE if row.name in names)
+    return _with_products(names) if DERIVATIVES in parts else tuple(row.name for row in TABLE if row.name in names)
+
+
+def _with_products(names: Sequence[str]) -> tuple[str, ...]:
+    """The functions, and the products with derivatives of all that have them; ArgumentError where none has."""
+    products = {f"{name}_{kind}" for name in names if name in DIFFERENTIATED for kind in ("jvp", "vjp")}
+    if not products:
+        raise ArgumentError(
+            f"parts: given 'derivatives' with the functions {', '.join(names)}, expected one that is not a derivative "
+            "itself; choose more functions, or leave it out"
+        )
+    return tuple(row.name for row in TABLE if row.name in {*names, *products})
 
 
 def library_spec(
@@ -405,7 +419,8 @@ def _function_spec(row: Row, equations: Any, sizes: dict[str, int]) -> FunctionS
     inputs, outputs = (
         tuple(port(name, equations.model, sizes) for name in names.split()) for names in (row.inputs, row.outputs)
     )
-    outputs = tuple(p for p in outputs if p.size)  # (rows without motor where every coordinate has one)
+    # (rows without motor where every coordinate has one)
+    inputs, outputs = (tuple(p for p in ports if p.size) for ports in (inputs, outputs))
     if split_product(row.name)[1]:  # products know the parameters that their function has
         known = mathematics_of(equations, row.name)
         more = {PARAMETERS + TANGENT, PARAMETERS + COTANGENT}

@@ -137,7 +137,7 @@ def generate(
         True: functions for many points take one vector of parameters for each point, and not one for all. Such a
         library has no inverse dynamics along paths and no streams.
     parts : sequence of str
-        Optional parts: ``"bvp"``, for whole paths by another method than `invert`, to check it (in double precision).
+        ``"bvp"``: whole paths by another method, in double precision; ``"derivatives"``: ``NAME_jvp`` and ``NAME_vjp``.
     progress : callable or bool, optional
         Called with one line of text before each step; default: messages on a terminal and in a notebook; False: none.
     force : bool
@@ -164,9 +164,9 @@ def generate(
     start = time.perf_counter()
     log = progress if callable(progress) else (lambda line: None)
     robot, equations = _resolve(model)
-    names = choose_functions(functions, robot)
-    _check_choices(precision, parameters, isa, equations)
     parts = tuple(dict.fromkeys(_names("parts", parts)))
+    names = choose_functions(functions, robot, parts)
+    _check_choices(precision, parameters, isa, equations)
     check_parts(parts, robot, names, precision)
     target = Path("generated", library_name(robot)) if directory is None else _folder(directory)
     options = {"native": bool(native), "openmp": bool(openmp), "isa": isa}

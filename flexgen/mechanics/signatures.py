@@ -186,9 +186,8 @@ _FUNCTIONS = (
 # --- products with derivatives -------------------------------------------------------------------------------------
 
 NOT_DIFFERENTIATED = """
-mass_matrix_packed inverse_dynamics_derivatives arm_forward_derivatives sensor_derivatives linearize
-output_constraint inversion_jacobians inversion_rows
-""".split()
+mass_matrix_packed inverse_dynamics_derivatives arm_forward_derivatives sensor_derivatives linearize inversion_jacobians
+""".split()  # (all but the first are derivatives themselves)
 DIFFERENTIATED = tuple(row.name for row in _FUNCTIONS if row.name not in NOT_DIFFERENTIATED)
 TANGENT, COTANGENT = "_tangent", "_cotangent"
 PRODUCTS = (

@@ -119,7 +119,7 @@ class Function:
         self.__doc__ = _docstring(summary, equation, inputs, outputs)
         self._entries, self._real, self._failures, self._again = entries, real, failures, again
         self._single, self._shared = entries.single, shared
-        self._results = None if len(outputs) == 1 else _results_type(name, tuple(port.name for port in outputs))
+        self._results = None if len(outputs) == 1 else results_type(name, tuple(port.name for port in outputs))
         self._shapes = [port.shape for port in inputs]
         self._parameters = parameters if any(port.name == PARAMETERS for port in inputs) else None
         self._count = len(inputs)
@@ -247,7 +247,7 @@ class Function:
 
 
 @cache
-def _results_type(name: str, fields: tuple[str, ...]) -> Any:
+def results_type(name: str, fields: tuple[str, ...]) -> Any:
     """Class of the results of a function with several: a named tuple that can be pickled."""
     plain = namedtuple(name, fields)  # type: ignore[misc]
 
@@ -258,7 +258,7 @@ def _results_type(name: str, fields: tuple[str, ...]) -> Any:
 
 
 def _results_again(name: str, fields: tuple[str, ...], values: tuple[Any, ...]) -> Any:
-    return _results_type(name, fields)._make(values)
+    return results_type(name, fields)._make(values)
 
 
 def _docstring(summary: str, equation: str, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> str:

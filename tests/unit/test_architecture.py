@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # Applications of the middle rooms: none imports another, and no middle room imports one.
 WINGS = (
+    "autodiff",
     "benchmarks",
     "laws",
     "equations_text",
@@ -81,6 +82,7 @@ FLOORS = {
     "inversion": 9,
     "loop": 10,
     **dict.fromkeys(WINGS, 11),
+    "jax": 12,
     "plots": 12,
     "reports": 13,
     "": 14,  # the front room: tables of public names; only the command line imports it
