@@ -305,6 +305,7 @@ _RESULTS = {
 for _group, _targets in {
     "results": _RESULTS,
     "exports": {name: f"{export.module}:export_{name}" for name, export in registry.EXPORTS.items()},
+    "devices": {"cuda": "flexgen.cuda.library:CudaLibrary"},
     "methods": {
         "discretized": "flexgen.lab.methods:DISCRETIZED",
         "bdf": "flexgen.lab.methods:BDF",

@@ -8,6 +8,7 @@ group         what a name refers to                                used by
 ``laws``      a class of feedback laws, `flexgen.loop.model_law`   `flexgen.control`, controller files
 ``frictions`` a class, see `flexgen.model.friction`           the key ``type`` of friction in model files
 ``exports``   a function, see `flexgen.exports.added`              `flexgen.export`, ``flexgen export``
+``devices``   a class, see `flexgen.runtime.library.Library`       `flexgen.load`
 ============  ===================================================  ===================================================
 
 The front room, `flexgen`, hands down the tables of flexgen itself; no room below names a room above. Another package

@@ -55,32 +55,16 @@ class Objects:
         """Copy the object of a source from the cache into the source's folder; False where the cache has none."""
         if self.folder is None:
             return False
-        key = self._key(source)
-        try:
-            entry = read_verified(self.folder / f"{key}.o")
-        except (OSError, BuildError):
+        data = fetch_entry(self.folder, f"{self._key(source)}.o")
+        if data is None:
             return False
-        if entry[:_MARK] != _mark(key, entry[_MARK:]):
-            return False
-        source.with_suffix(".o").write_bytes(entry[_MARK:])
-        with contextlib.suppress(OSError):
-            os.utime(self.folder / f"{key}.o")
+        source.with_suffix(".o").write_bytes(data)
         return True
 
     def keep(self, source: Path) -> None:
         """Store the object of a source in the cache; errors of the cache directory are ignored."""
-        if self.folder is None:
-            return
-        key, data = self._key(source), source.with_suffix(".o").read_bytes()
-        with contextlib.suppress(OSError):
-            handle, temporary = tempfile.mkstemp(prefix=".new-", dir=self.folder)
-            try:
-                with os.fdopen(handle, "wb") as file:
-                    file.write(_mark(key, data) + data)
-                os.replace(temporary, self.folder / f"{key}.o")
-            except OSError:
-                os.unlink(temporary)
-            _prune(self.folder)
+        if self.folder is not None:
+            keep_entry(self.folder, f"{self._key(source)}.o", source.with_suffix(".o").read_bytes())
 
     def _key(self, source: Path) -> str:
         """Hash of everything that the object depends on; the name too, as objects hold it."""
@@ -108,8 +92,34 @@ class Objects:
         return names
 
 
-def _mark(key: str, data: bytes) -> bytes:
-    return hashlib.sha256(key.encode() + data).hexdigest().encode()
+def fetch_entry(folder: Path, name: str) -> bytes | None:
+    """The content of an entry; None where the cache has none, or one that is not whole."""
+    try:
+        entry = read_verified(folder / name)
+    except (OSError, BuildError):
+        return None
+    if entry[:_MARK] != _mark(name, entry[_MARK:]):
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(folder / name)
+    return entry[_MARK:]
+
+
+def keep_entry(folder: Path, name: str, data: bytes) -> None:
+    """Store an entry, whose name is the hash of all it depends on; errors of the cache directory are ignored."""
+    with contextlib.suppress(OSError):
+        handle, temporary = tempfile.mkstemp(prefix=".new-", dir=folder)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(_mark(name, data) + data)
+            os.replace(temporary, folder / name)
+        except OSError:
+            os.unlink(temporary)
+        _prune(folder)
+
+
+def _mark(name: str, data: bytes) -> bytes:
+    return hashlib.sha256(name.partition(".")[0].encode() + data).hexdigest().encode()
 
 
 @contextlib.contextmanager

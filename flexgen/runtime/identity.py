@@ -71,6 +71,17 @@ def entry_of(library: ctypes.CDLL, symbol: str) -> Any:
         ) from None
 
 
+def read_parameters(library: ctypes.CDLL, manifest: dict[str, Any]) -> np.ndarray:
+    """The run-time parameters' values in the model file, as the library says; empty where it has none."""
+    values = np.zeros(manifest["sizes"].get("n_p", 0), REALS[manifest.get("precision", "double")])
+    if values.size:
+        entry = entry_of(library, f"{manifest['name']}_parameters")
+        entry.restype = None
+        entry(ctypes.c_void_p(values.ctypes.data))
+    values.flags.writeable = False
+    return values
+
+
 def _signatures(manifest: dict[str, Any]) -> list[str]:
     """The lines that the library hashes: those of its functions, its structs and its fixed functions."""
     fixed = [f"{row['signature']}\n" for key in ("structs", "c_functions") for row in manifest.get(key, ())]

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import errors
+from flexgen import errors, registry
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, load_verified
 from flexgen.runtime.growth import Growth, growth_of
-from flexgen.runtime.identity import REALS, entry_of, read_manifest, verify
+from flexgen.runtime.identity import REALS, entry_of, read_manifest, read_parameters, verify
 from flexgen.runtime.inverse_kinematics import InverseKinematics, inverse_kinematics_of
 from flexgen.runtime.limited_inversion import LimitedInverter
 from flexgen.runtime.many_inversion import ManyInverter
@@ -302,7 +302,7 @@ class Library:
 
 
 @checked_types
-def load(directory: str | os.PathLike[str]) -> Library:
+def load(directory: str | os.PathLike[str], device: str = "cpu") -> Library:
     """Load a generated library.
 
     Nothing of it runs before its file is known to be the one of the manifest, whole, and safe from other users; nothing
@@ -313,6 +313,8 @@ def load(directory: str | os.PathLike[str]) -> Library:
     ----------
     directory : str or Path
         What `flexgen.generate` wrote.
+    device : str
+        ``"cpu"``; ``"cuda"`` (``"cuda:1"``: the second card): its functions run on an NVIDIA GPU, on device arrays.
 
     Returns
     -------
@@ -321,7 +323,7 @@ def load(directory: str | os.PathLike[str]) -> Library:
     Raises
     ------
     ArgumentError
-        Where the directory is not a path.
+        Where the directory is not a path, or the device is none of these.
     BuildError
         Where there is no library, not the one that the manifest describes, or one that other users may change.
 
@@ -336,7 +338,8 @@ def load(directory: str | os.PathLike[str]) -> Library:
         raise ArgumentError(f"directory: given {directory!r}, expected the path of what flexgen.generate wrote")
     if "\0" in os.fspath(directory):
         raise ArgumentError(f"directory: given {str(directory)!r}, expected the path of a folder")
-    return _load(Path(directory), None)
+    library = _load(Path(directory), None)
+    return library if device == "cpu" else registry.extension("devices", "cuda")(library, device)
 
 
 def library_again(directory: str, sha256: str) -> Library:
@@ -376,7 +379,7 @@ def _load(folder: Path, sha256: str | None) -> Library:
         verify(library, manifest)
         negative = [status for status in manifest["statuses"] if status["code"] < 0]
         failures = {status["code"]: (_exception(status["exception"]), status["text"]) for status in negative}
-        parameters = _parameters(library, manifest)
+        parameters = read_parameters(library, manifest)
         functions = {
             f["name"]: _function(library, manifest, f, failures, parameters, (str(trusted), recorded, f["name"]))
             for f in manifest["functions"]
@@ -409,17 +412,6 @@ def _exception(name: str) -> type[FlexgenError]:
     if not (isinstance(found, type) and issubclass(found, FlexgenError)):
         raise ValueError(f"given the exception {name!r}, expected a class of flexgen.errors")
     return found
-
-
-def _parameters(library: ctypes.CDLL, manifest: dict[str, Any]) -> np.ndarray:
-    """The run-time parameters' values in the model file, as the library says; empty where it has none."""
-    values = np.zeros(manifest["sizes"].get("n_p", 0), REALS[manifest.get("precision", "double")])
-    if values.size:
-        entry = entry_of(library, f"{manifest['name']}_parameters")
-        entry.restype = None
-        entry(ctypes.c_void_p(values.ctypes.data))
-    values.flags.writeable = False
-    return values
 
 
 def offered_again(directory: str, sha256: str, what: str) -> Any:

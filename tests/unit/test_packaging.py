@@ -50,7 +50,19 @@ def test_a_file_without_a_pattern_is_seen():
 def test_extras_are_those_of_the_makefile():
     """Running needs no extra; tests and lint install their own."""
     assert set(SETTINGS["project"]["optional-dependencies"]) == {
-        *("parquet", "distributed", "pandas", "xarray", "control", "docs", "notebooks", "fmi", "compiler", "jax"),
+        *(
+            "parquet",
+            "distributed",
+            "pandas",
+            "xarray",
+            "control",
+            "docs",
+            "notebooks",
+            "fmi",
+            "compiler",
+            "jax",
+            "cuda",
+        ),
         *("test", "lint", "dev"),
     }
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")

@@ -1,0 +1,95 @@
+"""A generated library whose functions run on the GPU: what `flexgen.load` returns for ``device="cuda"``."""
+
+from __future__ import annotations
+
+import re
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from flexgen.cuda.arrays import DeviceArray, Given, steps_of, stream_handle
+from flexgen.cuda.compiler import compile_cached
+from flexgen.cuda.driver import Card
+from flexgen.cuda.functions import functions_of
+from flexgen.cuda.sources import headers_of, kernel_text, read_files
+from flexgen.errors import ArgumentError
+from flexgen.runtime.identity import REALS, read_manifest
+from flexgen.runtime.library import Library, library_again
+
+_DEVICE = re.compile(r"cuda(?::(\d{1,3}))?\Z")
+
+
+class CudaLibrary(Library):
+    """A library whose functions take and return arrays on the GPU; all else, such as its streams, is on the CPU.
+
+    Parameters
+    ----------
+    library : Library
+        The same on the CPU.
+    device : str
+        ``"cuda"``, the first card, or ``"cuda:1"`` and so on.
+    """
+
+    def __init__(self, library: Library, device: str) -> None:
+        named = _DEVICE.match(device)
+        if named is None:
+            raise ArgumentError(f"device: given {device!r}, expected 'cpu', 'cuda', or 'cuda:1' for the second card")
+        self.__dict__.update(library.__dict__)
+        self.device, self.card = device, Card(int(named[1] or 0))
+        self._real = REALS[self.precision]
+        folder, self._manifest = read_manifest(self.directory)
+        self._files = read_files(folder, self._manifest)
+        self._headers = headers_of(self._files)
+        on_card: Any = functions_of(library.functions, self.card, self._real, self._load_kernel, self.per_point)
+        self.functions = MappingProxyType(on_card)
+
+    def _load_kernel(self, function: str) -> Any:
+        """The kernel of a function, compiled where the cache does not have it."""
+        text = kernel_text(self._manifest, self._files, function)
+        cubin = compile_cached(self.name, text, self._headers, self.card.architecture)
+        return self.card.load(cubin, f"k_{function}")
+
+    def array(self, x: Any, stream: Any = None) -> DeviceArray:
+        """A copy of an array on the GPU: numbers of the library's precision, in the order of Fortran."""
+        try:
+            values = np.asfortranarray(np.asarray(x, self._real))
+        except (TypeError, ValueError) as error:
+            raise ArgumentError(f"array: given {error}, expected real numbers on the CPU") from error
+        made = DeviceArray.empty(self.card, values.shape, self._real, stream)
+        self.card.write(made._address, values.ctypes.data, values.nbytes, made.stream)
+        return made
+
+    def transpose(self, x: Any, stream: Any = None) -> DeviceArray:
+        """The same memory of a device array with the axes in reverse: (n, N) in the order of C becomes (N, n)."""
+        if isinstance(x, DeviceArray):
+            return x.T
+        given = Given(self.card, "transpose", "x", x, stream_handle("transpose", stream))
+        if given.dtype != self._real.str:
+            raise ArgumentError(f"transpose, x: given numbers of type {given.dtype}, expected {self._real.name}")
+        steps = given.strides or steps_of(given.shape, self._real.itemsize, "C")
+        return DeviceArray(
+            self.card, given.address, given.shape[::-1], steps[::-1], self._real, stream, _Lent(x, given)
+        )
+
+    def __reduce__(self) -> Any:
+        super().__reduce__()  # refused where closed
+        return _load_again, (*self._again, self.device)
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, on {self.card.name}>"
+
+
+class _Lent:
+    """Memory of another package, in use here."""
+
+    def __init__(self, owner: Any, given: Given) -> None:
+        self._owner, self._given = owner, given
+
+    def __del__(self) -> None:
+        self._given.release()
+
+
+def _load_again(directory: str, sha256: str, device: str) -> CudaLibrary:
+    """The library that was pickled; BuildError where another one is in its directory now."""
+    return CudaLibrary(library_again(directory, sha256), device)

@@ -1,0 +1,118 @@
+"""The kernels of all functions: NVRTC compiles them for two cards, g++ gives the bits of the library.
+
+Neither needs a card. Registers and bytes of stack of a thread are compared with a table, since a kernel that spills its
+registers is many times slower: where NVRTC or an emitted text has changed, look at the change and write it again by
+`python tests/cross/test_cuda_kernels.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emitted import made
+from fake_gpu import FakeDriver, compile_on_cpu
+
+import flexgen
+from flexgen.cuda import compiler, driver, sources
+
+TABLE = Path(__file__).resolve().parents[1] / "golden" / "cuda_kernels.json"
+ARCHITECTURES = ("sm_80", "sm_90")
+MODELS = ("elbow", "planar5_nmp")
+
+
+def library_files(name: str):
+    """Manifest and files of a library."""
+    folder = made(name).directory
+    manifest = json.loads((folder / "manifest.json").read_text())
+    return manifest, sources.read_files(folder, manifest)
+
+
+def measure(name: str) -> dict[str, list[int]]:
+    """By function and architecture: registers, stack and spilled bytes of a thread, as ptxas reports them."""
+    manifest, files = library_files(name)
+    headers, found = sources.headers_of(files), {}
+    for row in manifest["functions"]:
+        text = sources.kernel_text(manifest, files, row["name"])
+        for architecture in ARCHITECTURES:
+            options = [*compiler.options_of(name, architecture), "--ptxas-options=-v"]
+            cubin, log = compiler.compile_text(text, headers, options)
+            assert cubin.startswith(b"\x7fELF") and f"k_{row['name']}".encode() in cubin
+            numbers = re.search(r"(\d+) bytes stack frame, (\d+) bytes spill stores.*?Used (\d+) registers", log, re.S)
+            assert numbers is not None, log
+            stack, spilled, registers = map(int, numbers.groups())
+            found[f"{row['name']} {architecture}"] = [registers, stack, spilled]
+    return found
+
+
+def nvrtc_or_skip() -> None:
+    pytest.importorskip("cuda.bindings.nvrtc", reason="the extra [cuda] is not installed: no NVRTC")
+
+
+@pytest.mark.parametrize("name", [MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
+def test_nvrtc_compiles_every_function(name):
+    nvrtc_or_skip()
+    found, expected = measure(name), json.loads(TABLE.read_text())[name]
+    assert found.keys() == expected.keys()
+    for kernel, (registers, stack, spilled) in found.items():
+        usual, usual_stack, usual_spilled = expected[kernel]
+        assert registers <= 1.25 * usual + 8, kernel  # versions of NVRTC differ by a few
+        assert stack <= 1.25 * usual_stack + 64, kernel
+        assert spilled <= 1.25 * usual_spilled + 64, kernel
+
+
+def test_a_kernel_that_spills_is_seen():
+    """The planted bug: 2000 numbers of a thread in memory."""
+    nvrtc_or_skip()
+    manifest, files = library_files("elbow")
+    text = sources.kernel_text(manifest, files, "gravity").replace(
+        "if (k >= n)", "volatile double kept[2000]; kept[n % 2000] = 1.0; if (k >= n + 0 * kept[k % 2000])"
+    )
+    options = [*compiler.options_of("elbow", "sm_90"), "--ptxas-options=-v"]
+    _, log = compiler.compile_text(text, sources.headers_of(files), options)
+    assert int(re.search(r"(\d+) bytes stack frame", log)[1]) >= 16000
+
+
+def test_text_that_is_wrong_is_refused():
+    nvrtc_or_skip()
+    with pytest.raises(flexgen.BuildError, match=r"NVRTC: given C that it does not compile for .*sm_90: .*error"):
+        compiler.compile_text("int x = y;", {}, compiler.options_of("elbow", "sm_90"))
+
+
+@pytest.mark.parametrize("name", [MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
+def test_the_library_in_one_file_is_cpp(name, tmp_path):
+    written = flexgen.generate(name, directory=tmp_path / name, amalgamate=True, build=False)
+    command = ["g++", "-x", "c++", "-fsyntax-only", f"-D{name.upper()}_NO_VECTORS", "-I.", f"{name}.c"]
+    subprocess.run(command, cwd=written.directory, check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("name", MODELS)
+def test_every_function_has_the_bits_of_the_library(name, precision, monkeypatch, tmp_path):
+    """By the whole path in Python, on a card that is played by the CPU."""
+    fake = FakeDriver()
+    monkeypatch.setattr(driver, "bindings", lambda: fake)
+    monkeypatch.setattr(compiler, "nvrtc", lambda: type("Fake", (), {"nvrtcVersion": staticmethod(lambda: (0, 0, 0))}))
+    monkeypatch.setattr(compiler, "compile_text", compile_on_cpu)
+    folder = flexgen.generate(name, directory=tmp_path / name, precision=precision).directory
+    library, on_card = flexgen.load(folder), flexgen.load(folder, device="cuda")
+    random = np.random.default_rng(3)
+    for function in library.functions.values():
+        given = [
+            np.asfortranarray(random.normal(size=(300, *port.shape)), library.parameters.dtype)
+            for port in function.inputs
+        ]
+        expected, found = function(*given), on_card.functions[function.name](*map(on_card.array, given))
+        pairs = zip(found, expected, strict=True) if isinstance(found, tuple) else [(found, expected)]
+        for x, y in pairs:
+            np.testing.assert_array_equal(x.numpy(), y, err_msg=function.name)
+
+
+if __name__ == "__main__":
+    text = json.dumps({name: measure(name) for name in MODELS}, indent=1)
+    TABLE.write_text(re.sub(r"\[\s+(\d+),\s+(\d+),\s+(\d+)\s+\]", r"[\1, \2, \3]", text) + "\n")
