@@ -33,7 +33,7 @@ CONTENTS = {
     "How to": "own_robot identification limits_and_streams in_a_controller motion_control cluster paths control "
     "planning equations extensions",
     "Other programs": "fmu fmu_tools ros2 matlab plc exchange",
-    "Use": "command_line python c_library methods verification",
+    "Use": "command_line python c_library methods verification platforms",
     "Reference": "python_reference c_reference model_files emitted_library",
     "Figures": "benchmarks " + " ".join(sorted(name for name in OTHERS.values() if name.startswith("benchmark_"))),
     "Project": "stability contributing changelog licenses",

@@ -65,7 +65,9 @@ registry.EXPORTS |= {
         look_ahead S positive: horizon of the feedforward [s]; default: from the unstable zeros
     files
         out FILE: write to this file (.fmu); default: generated/MODEL.fmu
-        no_binary old=--sources-only: without a binary for this platform
+        platforms NAME,NAME,... names: compile binaries for these platforms with the package ziglang: all, or names of
+            FMI such as win64, linux64, darwin64, aarch64-linux; default: this platform
+        no_binary old=--sources-only: without a binary
 """,
     ),
     "mujoco": registry.Export(

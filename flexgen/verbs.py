@@ -18,6 +18,7 @@ from typing import Any, get_args
 from flexgen.identification.average_names import AverageName
 from flexgen.inversion.method_table import method_names
 from flexgen.registry import EXPORTS, Export, names
+from flexgen.runtime.targets import TARGET_NAMES
 from flexgen.simulation.hold_names import HOLDS
 from flexgen.templates.template_names import TEMPLATES
 from flexgen.verb_rows import Option, Verb, verbs_of
@@ -27,6 +28,7 @@ LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an 
     "HOLDS": lambda: tuple(HOLDS),
     "LAWS": lambda: names("laws"),
     "AVERAGES": lambda: get_args(AverageName),
+    "TARGETS": lambda: TARGET_NAMES,
     "SHELLS": lambda: ("bash", "zsh", "fish"),
     "TEMPLATES": lambda: TEMPLATES,
 }
@@ -109,6 +111,8 @@ generate MODEL | generate:generate | generate
         native: contract products and sums: a little faster, results differ by rounding
         isa ISA isa: instruction set of the compiled libraries, same results for each: native (this processor, the
             default), x86-64, v2, v3 (AVX2) or v4 (AVX-512) for other computers
+        target NAME in=TARGETS: compile with the package ziglang for another kind of computer, with the same results:
+            {TARGETS}
         openmp: batch functions use all cores
     files
         out DIR once old=--directory: folder of the library; default: generated/MODEL

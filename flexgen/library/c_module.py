@@ -17,6 +17,7 @@ from flexgen.errors import BuildError
 from flexgen.library.compiler import NO_COMPILER, Compiler, find_compiler
 from flexgen.library.object_cache import cache_folder, one_at_a_time
 from flexgen.runtime.files import load_verified, private_copy, read_library, verify_file
+from flexgen.runtime.targets import library_suffix
 
 _ADVICE = "remove it: it is compiled again when it is needed"
 MOST, LIMIT = 256, 128 * 2**20  # modules in the cache, and bytes of all of them
@@ -31,7 +32,7 @@ def c_module(source: Path, option: str = "", *, native: bool = False) -> ctypes.
     BuildError
         There is no compiler, or it fails.
     """
-    return load_module(compile_module(source.stem, source.read_text(), level=option, native=native))
+    return load_module(compile_module(source.stem, source.read_text(encoding="ascii"), level=option, native=native))
 
 
 def load_module(path: Path) -> ctypes.CDLL:
@@ -75,7 +76,7 @@ def compile_module(
     root = cache_folder()
     kept = root / "modules" if root is not None else Path(_temporary().name)
     kept.mkdir(mode=0o700, exist_ok=True)
-    made = kept / f"{name}-{mark}.so"
+    made = kept / f"{name}-{mark}.{library_suffix()}"
     if _is_there(made):
         return made
     if before is not None:
@@ -104,7 +105,7 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
 
 def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str) -> None:
     """Compile to a name of its own, then rename: another process never finds half a file."""
-    own = target.with_name(f".{secrets.token_hex(8)}.so")
+    own = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
     flags = [*compiler.flags, *level.split(), "-shared", "-x", "c"]
     done = subprocess.run(
         [*compiler.command, *flags, "-o", str(own), "-", "-lm"],
@@ -124,7 +125,7 @@ def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str)
 def _prune(folder: Path, newest: Path) -> None:
     """Remove the modules that were used least lately, beyond the limits; a loaded one stays in memory."""
     entries = []
-    for path in folder.glob("*.so"):
+    for path in folder.glob(f"*.{library_suffix()}"):
         with suppress(OSError):
             facts = path.stat()
             entries.append((facts.st_mtime, facts.st_size, path))

@@ -14,7 +14,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -22,9 +21,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from flexgen.errors import BuildError
+from flexgen.errors import ArgumentError, BuildError
 from flexgen.library.object_cache import Objects, one_at_a_time
 from flexgen.runtime.processor import INSTRUCTION_SETS
+from flexgen.runtime.targets import TARGETS, Target, library_suffix
 
 # The same bits with every compiler, processor and width of its vectors: products and sums are not contracted, and GCC's
 # vectorizer is off, because it contracts nevertheless where the processor has fused instructions. That loses nothing:
@@ -100,6 +100,8 @@ class Compiler:
         alone, for `SOLVERS`, and for the other hand-written sources.
     archiver : tuple of str
         The words to run its own archiver with; empty: the archiver is on the PATH.
+    target : Target, optional
+        The kind of computer that it compiles for; None: this one.
     """
 
     command: tuple[str, ...]
@@ -112,9 +114,32 @@ class Compiler:
     solvers: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     archiver: tuple[str, ...] = ()
+    target: Target | None = None
+
+    @property
+    def suffix(self) -> str:
+        """How the names of its shared libraries end."""
+        return library_suffix() if self.target is None else self.target.suffix
+
+    def link_command(self, *words: str, install_name: str = "") -> list[str]:
+        """The command that links a shared library.
+
+        Parameters
+        ----------
+        *words : str
+            Its objects and more flags.
+        install_name : str
+            Of a library for macOS, by which programs that were linked with it look for it below their ``@rpath``.
+        """
+        named = [f"-Wl,-install_name,@rpath/{install_name}"] if install_name and self.suffix == "dylib" else []
+        # without tables for a debugger, which the package ziglang adds and which have names of folders
+        stripped = ["-s"] if self.target is not None else []
+        return [*self.command, *self.flags, *stripped, "-shared", *named, *words, "-lm"]
 
 
-def find_compiler(*, native: bool = False, openmp: bool = False, isa: str = "native") -> Compiler | None:
+def find_compiler(
+    *, native: bool = False, openmp: bool = False, isa: str = "native", target: str | None = None
+) -> Compiler | None:
     """The compiler of $CC, else the first of cc, gcc, clang and the package ziglang; None where there is none.
 
     Parameters
@@ -126,29 +151,38 @@ def find_compiler(*, native: bool = False, openmp: bool = False, isa: str = "nat
         True: batches on all cores.
     isa : str
         One of `ISAS`: the instruction set; "native": that of this processor. A ``-march`` in $CC has priority.
+    target : str, optional
+        One of `TARGETS`: the kind of computer, for which the package ziglang compiles, whatever $CC is; the
+        instruction set "native" is then what all such computers have.
 
     Raises
     ------
     BuildError
-        Where $CC cannot be used, or the compiler does not know a flag.
+        Where $CC cannot be used, the compiler does not know a flag, or the package ziglang is needed and missing.
     """
     if isa not in ISAS:
         raise BuildError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
-    return _find_compiler(native, openmp, isa, os.environ.get("CC"), os.environ.get("PATH"))
+    if target is not None and target not in TARGETS:
+        raise BuildError(f"target: given {target!r}, expected one of {', '.join(TARGETS)}")
+    return _find_compiler(native, openmp, isa, target, os.environ.get("CC"), os.environ.get("PATH"))
 
 
 @lru_cache(maxsize=16)  # asking the compiler takes longer than many a computation
-def _find_compiler(native: bool, openmp: bool, isa: str, cc: str | None, path: str | None) -> Compiler | None:
-    """The compiler in this environment."""
-    chosen = _choose_command()
+def _find_compiler(
+    native: bool, openmp: bool, isa: str, other: str | None, cc: str | None, path: str | None
+) -> Compiler | None:
+    """The compiler in this environment; ``other``: name of the target, where it is not this computer."""
+    chosen = _choose_command() if other is None else _cross_command(other)
     if chosen is None:
         return None
     program = tuple(word for word in chosen if not word.startswith("-"))
     own = [word for word in chosen if word.startswith("-")]
     flags = [*own, *(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp]
+    flags += [] if other is None else ["-target", TARGETS[other].triple]
     packaged = chosen == _packaged_compiler()
     march = f"-march={isa.replace('-', '_') if packaged else isa}"  # in Zig "-" takes a feature away
-    target = [] if native or any(word.startswith("-m") for word in own) else [march]
+    decided = native or any(word.startswith("-m") for word in own) or (other is not None and isa == "native")
+    target = [] if decided else [march]
     try:
         version = _output([*chosen, "--version"], "").stdout.strip().partition("\n")[0]
         world = _output([*program, *flags, *target, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
@@ -177,14 +211,44 @@ def _find_compiler(native: bool, openmp: bool, isa: str, cc: str | None, path: s
     identity = hashlib.sha256("\0".join((version, *flags, *solvers, *functions, world.stdout)).encode()).hexdigest()
     used = tuple(INSTRUCTION_SETS[word] for word in _DEFINED.findall(world.stdout) if word in INSTRUCTION_SETS)
     archiver = (program[0], "ar") if packaged else ()
-    return Compiler(program, version, tuple(flags), identity, used, straight, functions, solvers, others, archiver)
+    more = (straight, functions, solvers, others, archiver, None if other is None else TARGETS[other])
+    return Compiler(program, version, tuple(flags), identity, used, *more)
+
+
+def _cross_command(target: str) -> list[str]:
+    """The words that run the C compiler for another kind of computer; BuildError where it is not installed."""
+    found = _packaged_compiler()
+    if found is None:
+        raise BuildError(
+            f"target: given {target!r}, for which the package ziglang compiles, and it is not installed; install it: "
+            "pip install 'flexgen-robotics[compiler]'"
+        )
+    return found
+
+
+def check_build(native: bool, openmp: bool, isa: str, target: str | None) -> dict[str, Any]:
+    """The choices of `find_compiler` by name; ArgumentError for those that are not offered."""
+    options = {"native": native, "openmp": openmp, "isa": isa, "target": target}
+    if isa not in ISAS:
+        raise ArgumentError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
+    if target is None:
+        return options
+    if target not in TARGETS:
+        raise ArgumentError(f"target: given {target!r}, expected one of {', '.join(TARGETS)}")
+    for name, given in (("native", native), ("openmp", openmp)):
+        if given:
+            raise ArgumentError(f"{name}: given with target {target!r}, expected it for this computer only")
+    if isa != "native" and TARGETS[target].machine != "x86_64":
+        raise ArgumentError(f"isa: given {isa!r} with target {target!r}, expected a target with x86_64")
+    return options
 
 
 def _choose_command() -> list[str] | None:
     """The words of $CC, or of the first compiler found."""
     given = os.environ.get("CC", "")
     try:
-        chosen = shlex.split(given)
+        # on Windows "\\" is part of a path, and quotation marks stay
+        chosen = [word.strip('"') for word in shlex.split(given, posix=os.name == "posix")]
     except ValueError as error:
         raise BuildError(f"$CC: given {given!r}, expected a command ({str(error).lower()})") from None
     if not chosen:
@@ -227,7 +291,8 @@ def _errors(result: subprocess.CompletedProcess[str]) -> str:
     return "\n  ".join(errors[:5]) or f"exit status {result.returncode}, without a message"
 
 
-def _run(what: str, command: Sequence[str], folder: Path, written: str) -> None:
+def run_compiler(what: str, command: Sequence[str], folder: Path, written: str) -> None:
+    """Run a program that writes a file in a folder; BuildError with its first errors where it does not."""
     answer = _output(command, "", folder)
     if answer.returncode != 0:
         raise BuildError(f"the {what} failed; the directory is as it was before:\n  {_errors(answer)}")
@@ -272,7 +337,9 @@ def build_libraries(
     archiver = compiler.archiver or tuple(found for found in _ARCHIVERS if shutil.which(found))[:1]
     if not archiver:
         raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
-    if compiler.archiver:
+    if compiler.target is not None:
+        log(f"for {compiler.target.name}: the C compiler is that of the package ziglang")
+    elif compiler.archiver:
         log("no cc, gcc or clang on the PATH: the C compiler is that of the package ziglang")
     functions = {file for file in sources if _includes_itself(folder / file)}
 
@@ -286,10 +353,12 @@ def build_libraries(
         _compile(stored, folder, sources, compiler, flags_of, log, fresh=fresh)
     log("linking")
     objects = [_object(file) for file in sources]
-    suffix = "dylib" if sys.platform == "darwin" else "so"
+    suffix = compiler.suffix
     linked, static = f"linked.{suffix}", f"lib{name}.a"
-    _run("linker", [*compiler.command, *compiler.flags, "-shared", "-o", linked, *objects, "-lm"], folder, linked)
-    _run("archiver", [*archiver, "rcs" if sys.platform == "darwin" else "rcsD", static, *objects], folder, static)
+    run_compiler(
+        "linker", compiler.link_command("-o", linked, *objects, install_name=f"lib{name}.dylib"), folder, linked
+    )
+    run_compiler("archiver", [*archiver, "rcs" if suffix == "dylib" else "rcsD", static, *objects], folder, static)
     digest = hashlib.sha256((folder / linked).read_bytes()).hexdigest()
     library = f"lib{name}-{digest[:16]}.{suffix}"
     (folder / linked).rename(folder / library)
@@ -326,7 +395,7 @@ def _compile(
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
             words = [*compiler.command, *compiler.flags, *flags_of(file), "-c", file, "-o", _object(file)]
-            jobs[file] = pool.submit(_run, "C compiler", words, folder, _object(file))
+            jobs[file] = pool.submit(run_compiler, "C compiler", words, folder, _object(file))
         try:
             for file, job in jobs.items():
                 job.result()

@@ -24,8 +24,8 @@ OPEN = 0o775  # largest rights of files and folders, whatever the umask: what ev
 SOURCES = "src"  # folder of the private files
 MANIFEST_MAX = 20_000_000  # bytes
 
-_FILE = re.compile(r"(CMakeLists\.txt|(src/)?[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib))\Z")
-_HASHED = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
+_FILE = re.compile(r"(CMakeLists\.txt|(src/)?[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib|dll))\Z")
+_HASHED = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z")
 _MARK = b"written by flexgen"
 _HEAD = 4096  # bytes at the top of a file, in which the mark is
 

@@ -27,7 +27,7 @@ from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, choose_
 from flexgen.deprecation import renamed
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.library.compiler import ISAS, NO_COMPILER, Compiler, IsaName, build_libraries, find_compiler
+from flexgen.library.compiler import NO_COMPILER, Compiler, IsaName, build_libraries, check_build, find_compiler
 from flexgen.library.directory import (
     MANIFEST,
     check_owned,
@@ -45,6 +45,7 @@ from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
 from flexgen.runtime.identity import FORMAT
+from flexgen.runtime.targets import TargetName
 from flexgen.type_checks import checked_result, checked_types
 from flexgen.types_of_values import items_of
 from flexgen.version import __version__
@@ -99,6 +100,7 @@ def generate(
     native: bool = False,
     openmp: bool = False,
     isa: IsaName = "native",
+    target: TargetName | None = None,
     amalgamate: bool = False,
     per_point: bool = False,
     parts: Sequence[str] = (),
@@ -116,30 +118,30 @@ def generate(
     build : bool
         False: write the sources, compile nothing.
     functions : sequence of str, optional
-        Only these functions; default: all that the model has. Inverse dynamics along paths and streams come
-        with all of them.
+        Only these; default: all that the model has. Inverse dynamics along paths and streams come with all of them.
     precision : str
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : sequence of str
         Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``, ``q2.damping`` and
         others, see `flexgen.mechanics.parameters`. Equations that are given bring their own.
     native : bool
-        True: contract products and sums; a little faster, and the results differ by rounding from those of the
-        default flags, which give the same bits with every compiler and on every processor.
+        True: contract products and sums; a little faster, and results differ by rounding from the default ones.
     openmp : bool
         True: batches use all cores.
     isa : str
         Instruction set of the compiled libraries, with the same bits for each: ``"native"``, that of this processor, or
         ``"x86-64"``, ``"x86-64-v2"``, ``"x86-64-v3"`` (AVX2), ``"x86-64-v4"`` (AVX-512), for other computers.
+    target : str, optional
+        Compile with the package ziglang for another kind of computer, with the same bits: ``"x86_64-linux"`` or
+        ``"aarch64-linux"`` (both glibc 2.17 or newer), ``"x86_64-windows"``, ``"x86_64-macos"``, ``"aarch64-macos"``.
     amalgamate : bool
         True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the results have the same bits.
     per_point : bool
-        True: functions for many points take one vector of parameters for each point, and not one for all. Such a
-        library has no inverse dynamics along paths and no streams.
+        True: batches take parameters for each point, not one vector for all; no inversion along paths, no streams.
     parts : sequence of str
         ``"bvp"``: whole paths by another method, in double precision; ``"derivatives"``: ``NAME_jvp`` and ``NAME_vjp``.
     progress : callable or bool, optional
-        Called with one line of text before each step; default: messages on a terminal and in a notebook; False: none.
+        As for `flexgen.solve`.
     force : bool
         True: derive, write and compile even where nothing has changed.
 
@@ -150,8 +152,7 @@ def generate(
     Raises
     ------
     BuildError
-        Where something cannot be written in C, the compiler is missing or fails, the directory cannot be written, or it
-        holds another library or files that flexgen did not write; the directory stays as it was.
+        C cannot express it, a compiler is missing or fails, or the directory, which stays, cannot take the library.
     ModelError, ArgumentError
         Where the model cannot be read or a function is unknown.
 
@@ -164,16 +165,16 @@ def generate(
     start = time.perf_counter()
     log = progress if callable(progress) else (lambda line: None)
     robot, equations = _resolve(model)
+    options = check_build(bool(native), bool(openmp), isa, target)
     parts = tuple(dict.fromkeys(_names("parts", parts)))
     names = choose_functions(functions, robot, parts)
-    _check_choices(precision, parameters, isa, equations)
+    _check_choices(precision, parameters, equations)
     check_parts(parts, robot, names, precision)
-    target = Path("generated", library_name(robot)) if directory is None else _folder(directory)
-    options = {"native": bool(native), "openmp": bool(openmp), "isa": isa}
+    folder = _folder(Path("generated", library_name(robot)) if directory is None else directory)
     request = _Request(
         robot, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force, parts
     )
-    return _generate_folder(request, target, build, log, start)
+    return _generate_folder(request, folder, build, log, start)
 
 
 def generate_parts(
@@ -200,7 +201,7 @@ def generate_parts(
     parameters, per_point, native, progress
         See `generate`.
     """
-    options = {"native": native, "openmp": False, "isa": "native"}
+    options = {"native": native, "openmp": False, "isa": "native", "target": None}
     names = choose_functions(functions, model)
     parts = tuple(part for part in PARTS if part in solvers)
     request = _Request(
@@ -269,10 +270,8 @@ def _generate_folder(
     return _result(target, manifest, start, cached=not compiled, written=True)
 
 
-def _check_choices(precision: str, parameters: Sequence[str], isa: str, equations: Any) -> None:
+def _check_choices(precision: str, parameters: Sequence[str], equations: Any) -> None:
     """ArgumentError for a choice that is not offered."""
-    if isa not in ISAS:
-        raise ArgumentError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
     if precision not in PRECISIONS:
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     _names("parameters", parameters)

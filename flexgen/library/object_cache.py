@@ -2,8 +2,8 @@
 
 An entry is named by the hash of all it depends on and begins with a hash of its own bytes, so that a
 truncated, corrupted or renamed entry is rejected. Only the user can write to the folder (mode 0700, below folders that
-no other user can write to); where this is not possible there is no cache. ``FLEXGEN_CACHE`` names another folder;
-empty: none.
+no other user can write to); where this is not possible there is no cache. On Windows it is below ``LOCALAPPDATA``,
+which the system keeps from other users. ``FLEXGEN_CACHE`` names another folder; empty: none.
 """
 
 from __future__ import annotations
@@ -14,19 +14,25 @@ import os
 import re
 import stat
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from flexgen.errors import BuildError
 from flexgen.runtime.files import read_verified, verify_folder
 
+fcntl: Any = None
+msvcrt: Any = None
 try:
     import fcntl
 except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
+    with contextlib.suppress(ImportError):
+        import msvcrt
 
 LIMIT = 256 * 2**20  # bytes of objects; the entries that were used least lately go first
 
+_PAUSE = 0.05  # s, between two trials to lock a file on Windows, which cannot wait longer than ten seconds
 _MARK = 64  # length of the hash that an entry begins with
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+"([^"\n]+)"', re.MULTILINE)
 
@@ -139,22 +145,47 @@ def one_at_a_time(folder: Path | None, name: str, log: Callable[[str], None] | N
     """
     file = None
     try:
-        if folder is not None and fcntl is not None:
+        if folder is not None and (fcntl is not None or msvcrt is not None):
             with contextlib.suppress(OSError):
                 locks = folder / "locks"
                 locks.mkdir(mode=0o700, exist_ok=True)
                 file = open(locks / name, "ab")  # noqa: SIM115
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
+                if not _lock(file.fileno(), wait=False):
                     if log is not None:
                         log(f"waiting for another process that compiles {name}")
-                    fcntl.flock(file, fcntl.LOCK_EX)
+                    _lock(file.fileno(), wait=True)
         yield
     finally:
-        if file is not None and fcntl is not None:
+        if file is not None:
             with file, contextlib.suppress(OSError):
-                fcntl.flock(file, fcntl.LOCK_UN)  # also where a child process has inherited the file
+                _unlock(file.fileno())  # also where a child process has inherited the file
+
+
+def _lock(descriptor: int, *, wait: bool) -> bool:
+    """Lock an open file; False where another process has it; OSError where the file system has no locks."""
+    if fcntl is not None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            return False
+        return True
+    while True:
+        try:
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+            return True
+        except PermissionError:  # another process has it
+            if not wait:
+                return False
+        time.sleep(_PAUSE)
+
+
+def _unlock(descriptor: int) -> None:
+    if fcntl is not None:
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+    else:
+        os.lseek(descriptor, 0, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
 
 
 def _prune(folder: Path) -> None:
@@ -184,13 +215,12 @@ def cache_folder() -> Path | None:
     BuildError
         Where ``FLEXGEN_CACHE`` names a folder that others can write to.
     """
-    if not hasattr(os, "geteuid"):
-        return None
     given = os.environ.get("FLEXGEN_CACHE")
     if given == "":
         return None
     try:
-        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        own = os.environ.get("XDG_CACHE_HOME" if hasattr(os, "geteuid") else "LOCALAPPDATA")
+        home = own or Path.home() / ".cache"
         folder = Path(given or Path(home, "flexgen")).resolve()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         problem = _problem(folder)
@@ -206,6 +236,8 @@ def cache_folder() -> Path | None:
 
 def _problem(folder: Path) -> str:
     """Why strangers could put something into a folder, empty where they cannot; BuildError for those above it."""
+    if not hasattr(os, "geteuid"):  # Windows: its access control lists are not read
+        return "" if os.access(folder, os.W_OK) else f"{folder} cannot be written"
     facts = folder.stat()
     if facts.st_uid != os.geteuid() or facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return f"others can write to {folder}"

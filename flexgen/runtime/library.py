@@ -25,13 +25,13 @@ from flexgen.runtime.limited_inversion import LimitedInverter
 from flexgen.runtime.many_inversion import ManyInverter
 from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
-from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 from flexgen.runtime.structs import Failures, closed_error
+from flexgen.runtime.targets import refuse_other_computer
 from flexgen.spec.ports import Port, c_name_problem
 from flexgen.type_checks import checked_methods, checked_types
 
-_LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
+_LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib|dll)\Z")
 _INVERTERS = {"invert": Inverter, "bvp": Inverter, "invert_limited": LimitedInverter}
 _INVERTS = "one with all functions, of a model with as many outputs as motors and simplified motor coupling"
 
@@ -369,12 +369,7 @@ def _load(folder: Path, sha256: str | None) -> Library:
                 f"{folder}: given a library of SHA-256 {recorded[:16]}..., expected that of {str(sha256)[:16]}..., "
                 "which was pickled; pickle again what is there now"
             )
-        missing = missing_instruction_sets(manifest["build"].get("instruction_sets", ()))
-        if missing:
-            raise BuildError(
-                f"{folder}: given a library with the instructions {', '.join(missing)}, which this processor does not "
-                "have; generate it on this computer, or with isa='x86-64' (--isa x86-64)"
-            )
+        refuse_other_computer(manifest["build"])
         library = load_verified(trusted / file, recorded)
         verify(library, manifest)
         negative = [status for status in manifest["statuses"] if status["code"] < 0]

@@ -24,6 +24,10 @@ _HEAD = """\
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef _WIN32
+#include <fcntl.h>
+#include <io.h>
+#endif
 
 typedef @_real real;
 
@@ -134,6 +138,10 @@ static void *all(void *result)
 
 int main(void)
 {{
+#ifdef _WIN32
+    _setmode(0, _O_BINARY);
+    _setmode(1, _O_BINARY);
+#endif
     if ({read}) {{
         return 2;
     }}

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -30,6 +33,7 @@ PACKAGES = {
     "arm-none-eabi-nm": "binutils-arm-none-eabi",
     "qemu-system-arm": "qemu-system-arm",
     "ffmpeg": "ffmpeg",
+    "wine": "wine64",
 }
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
@@ -50,3 +54,14 @@ def tools(*names: str) -> None:
     if missing:
         packages = " ".join(dict.fromkeys(PACKAGES[name] for name in missing))
         pytest.skip(f"no {', '.join(missing)}; install with: apt-get install {packages}")
+
+
+def wine(folder: Path) -> tuple[str, dict[str, str]]:
+    """The loader of Wine and its environment, with a prefix of its own in a folder; skips the test without Wine."""
+    places = ("/usr/lib/wine", "/usr/lib/x86_64-linux-gnu/wine")  # of Debian's wine64, which is not on the PATH
+    found = shutil.which("wine64") or shutil.which("wine") or shutil.which("wine64", path=os.pathsep.join(places))
+    if found is None:
+        pytest.skip(f"no wine; install the Debian package {PACKAGES['wine']}")
+    environment = os.environ | {"WINEPREFIX": str(folder / "wine"), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree="}
+    subprocess.run([found, "cmd", "/c", "exit"], env=environment, capture_output=True, check=False, timeout=120)
+    return found, environment

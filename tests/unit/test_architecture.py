@@ -117,13 +117,13 @@ MOST = 8
 # functions take a record of options. Those of verbs are the options of the command line, see test_former_names.py.
 PARAMETERS = {
     "benchmarks/tune.py tune": 9,  # a verb
-    "exports/fmu/export.py export_fmu": 11,  # a verb
+    "exports/fmu/export.py export_fmu": 12,  # a verb
     "exports/ros2/export.py export_ros2": 9,  # a verb
     "identification/experiments/plan.py excite": 17,  # a verb
     "identification/graybox.py identify": 16,  # a verb
     "identification/motion_fit.py fit_motion": 10,  # a verb
     "inversion/solve.py solve": 17,  # a verb
-    "library/generate.py generate": 14,  # a verb
+    "library/generate.py generate": 15,  # a verb
     "loop/closed_loop.py __init__": 15,  # robots, drives and noise are given apart by five callers with other choices
     "loop/control.py control": 14,  # a verb
     "loop/control.py control_case": 13,  # the options of the verb control but the controller

@@ -17,6 +17,7 @@ import pytest
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError, ModelError
+from flexgen.exports.fmu import binaries
 from flexgen.exports.fmu import export as export_module
 from flexgen.exports.fmu.controller import _variables
 from flexgen.exports.fmu.description import _variable_3, element
@@ -191,7 +192,7 @@ def test_the_payload_is_in_the_frame_that_the_tool_is_attached_to(tmp_path):
 
 
 def test_without_a_compiler(monkeypatch, tmp_path):
-    monkeypatch.setattr(export_module, "find_compiler", lambda **options: None)
+    monkeypatch.setattr(binaries, "find_compiler", lambda **options: None)
     old = tmp_path / "robot.fmu"
     old.write_bytes(b"before")
     with pytest.raises(BuildError, match="binary=False in Python, --no-binary on the command line"):

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-import platform
 import re
-import subprocess
-import sys
-import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
@@ -19,9 +15,9 @@ from typing import Any, Literal, get_args
 from flexgen.atomic_files import atomic_file
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.exported import Exported, exported
+from flexgen.exports.fmu.binaries import SOURCE, Binary, binaries_of, compile_binary
 from flexgen.exports.fmu.block import Block, config
 from flexgen.exports.fmu.description import build_description, description_2, description_3
-from flexgen.library.compiler import NO_COMPILER, Compiler, find_compiler
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
@@ -38,12 +34,9 @@ _PREFIX = "flexgen_fmu_"  # of all files that are the same for every model, and 
 _FIXED = {"FMU_PLANT": "plant.h", "FMU_FEEDFORWARD": "feedforward.h", "FMU_CONTROLLER": "controller.h"}
 _OF_BLOCK = {"method": "plant", "step": "plant", "controller": "controller", "sample_time": "controller",
              "look_ahead": "feedforward"}  # fmt: skip
-_FLAGS = ("-Werror=implicit-function-declaration",)
-SOURCE = "all.c"  # the only one
 _INCLUDE = re.compile(r'\s*#\s*include "([^"]+)"')
 _MACRO = re.compile(r"^\s*#\s*define (\w+)", re.MULTILINE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
-_MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
 _LICENSE = "flexgen: MIT. fmi2*.h and fmi3*.h: Modelica Association, 2-clause BSD, see these files.\n"
 
 
@@ -56,6 +49,7 @@ def export_fmu(
     version: FmiVersion = "2.0",
     block: BlockName = "plant",
     binary: bool = True,
+    platforms: str | Sequence[str] | None = None,
     method: Literal["rk4", "sdirk4"] | None = None,
     step: float | None = None,
     controller: Any = None,
@@ -82,6 +76,10 @@ def export_fmu(
         ``"controller"``: a P-PI cascade, measured angles and references in, motor torques out.
     binary : bool
         False: sources only, which need no compiler here.
+    platforms : str or sequence of str, optional
+        Binaries for these platforms, compiled by the package ziglang: ``"all"``, or names of FMI, such as ``"win64"``,
+        ``"linux64"``, ``"darwin64"``, ``"aarch64-linux"``, ``"aarch64-darwin"`` (or ``"x86_64-windows"``, ... of FMI
+        3.0); default: a binary for this platform, by the compiler that is here.
     method : str, optional
         Of the plant in Co-Simulation: ``"rk4"`` (default), the explicit Runge-Kutta method of order 4, or ``"sdirk4"``,
         an implicit L-stable method of order 4 for stiff springs. ``integration.method`` changes it before a simulation.
@@ -122,45 +120,43 @@ def export_fmu(
     given = dict(method=method, step=step, controller=controller, sample_time=sample_time, look_ahead=look_ahead)
     _check(version, block, path, given)
     log = progress if callable(progress) else lambda line: None
+    binaries = binaries_of(version, binary, platforms)
     robot = model if isinstance(model, RobotModel) else read(model)
-    return _written(robot, path, (version, block, binary), given, log)
+    return _written(robot, path, (version, block, binaries), given, log)
 
 
 def _written(
     robot: RobotModel,
     path: str | os.PathLike[str] | None,
-    what: tuple[str, str, bool],
+    what: tuple[str, str, tuple[Binary, ...]],
     given: Mapping[str, Any],
     log: Callable[[str], None],
 ) -> Exported:
-    """Write the FMU; ``what``: the version of FMI, the block, and whether it has a binary."""
-    began, (version, block, binary) = time.perf_counter(), what
-    compiler = _compiler() if binary else None
+    """Write the FMU; ``what``: the version of FMI, the block, and the binaries."""
+    began, (version, block, binaries) = time.perf_counter(), what
     log(f"deriving {robot.name}")
     made = _block(robot, block, given)
     target = Path("generated", f"{made.name}.fmu") if path is None else Path(path)
-    content, token, where = _content(made, version, compiler, log)
+    content, token = _content(made, version, binaries, log)
     with atomic_file(target) as out:
         out.write(content)
-    inside = f"binary for {where}" if where else "sources only"
+    where = ", ".join(binary.platform for binary in binaries) or None
+    inside = "sources only" if where is None else f"{'binary' if len(binaries) == 1 else 'binaries'} for {where}"
     text = f"FMI {version}, {block}, Model Exchange and Co-Simulation, {inside}"
     details: dict[str, Any] = dict(block=block, version=version, token=token, binary=where, variables=made.variables)
     details["seconds"] = time.perf_counter() - began
     return exported(robot, "fmu", (target,), (text,), details=details)
 
 
-def _content(
-    block: Block, version: str, compiler: Compiler | None, log: Callable[[str], None]
-) -> tuple[bytes, str, str | None]:
-    """The file, its token, and the platform of its binary (None without a compiler)."""
+def _content(block: Block, version: str, binaries: Sequence[Binary], log: Callable[[str], None]) -> tuple[bytes, str]:
+    """The file and its token."""
     texts, token = _texts(block, version)
     files = {name: text.encode() for name, text in texts.items()}
-    if compiler is None:
-        return _zip(files), token, None
-    log(f"compiling {block.name}")
-    where, suffix = _platform(version)
-    files[f"binaries/{where}/{block.name}{suffix}"] = _compile(block, texts, compiler)
-    return _zip(files), token, where
+    for binary in binaries:
+        log(f"compiling {block.name} for {binary.platform}")
+        made = compile_binary(block, texts, binary.compiler)
+        files[f"binaries/{binary.platform}/{block.name}.{binary.compiler.suffix}"] = made
+    return _zip(files), token
 
 
 def _check(version: str, block: str, path: Any, given: Mapping[str, Any]) -> None:
@@ -194,30 +190,6 @@ def _block(model: RobotModel, block: str, given: Mapping[str, Any]) -> Block:
     from flexgen.exports.fmu.controller import controller as cascade
 
     return cascade(model, given["controller"], SAMPLE_TIME if given["sample_time"] is None else given["sample_time"])
-
-
-def _compiler() -> Compiler:
-    """The compiler, for every computer with a processor of this kind."""
-    x86 = _MACHINES.get(platform.machine().lower()) == "x86_64"
-    found = find_compiler(isa="x86-64" if x86 else "native")
-    if found is None:
-        raise BuildError(
-            f"{NO_COMPILER}, or write the sources only: binary=False in Python, --no-binary on the command line"
-        )
-    return found
-
-
-def _platform(version: str) -> tuple[str, str]:
-    """Name of the folder of the binary, and the end of its name."""
-    machine = _MACHINES.get(platform.machine().lower())
-    system = {"linux": "linux", "darwin": "darwin"}.get(sys.platform)
-    if machine is None or system is None:
-        raise BuildError(
-            f"platform: given {sys.platform} on {platform.machine()}, expected Linux or macOS on x86-64 or ARM; write "
-            "the sources only (binary=False) and compile them with the importing program"
-        )
-    suffix = ".dylib" if system == "darwin" else ".so"
-    return (f"{system}64" if version == "2.0" and machine == "x86_64" else f"{machine}-{system}"), suffix
 
 
 def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
@@ -290,33 +262,6 @@ def _check_name(block: Block, fixed: Mapping[str, str]) -> None:
             f"name of the model, with its variant: given {stem!r}, which gives {found[0]}, a name of the fixed "
             "files of an FMU; expected another name"
         )
-
-
-def _compile(block: Block, texts: Mapping[str, str], compiler: Compiler) -> bytes:
-    """The shared library of the source."""
-    with tempfile.TemporaryDirectory(prefix="flexgen-fmu-") as name:
-        folder = Path(name)
-        for file, text in texts.items():
-            if file.startswith("sources/"):
-                (folder / Path(file).name).write_text(text, encoding="utf-8", newline="\n")
-        straight = compiler.straight if block.straight else ()
-        _run([*compiler.command, *compiler.flags, *_FLAGS, *straight, "-c", SOURCE, "-o", "all.o"], folder)
-        # calls within the library stay there, whatever other libraries the program has loaded
-        own = [] if sys.platform == "darwin" else ["-Wl,-Bsymbolic"]
-        _run([*compiler.command, *compiler.flags, "-shared", *own, "-o", "fmu.bin", "all.o", "-lm"], folder)
-        return (folder / "fmu.bin").read_bytes()
-
-
-def _run(command: Sequence[str], folder: Path) -> None:
-    try:
-        done = subprocess.run(
-            list(command), cwd=folder, capture_output=True, text=True, errors="replace", check=False,
-            env={**os.environ, "LC_ALL": "C"},
-        )  # fmt: skip
-    except OSError as error:
-        raise BuildError(f"C compiler: {command[0]!r} cannot be run: {error.strerror}") from error
-    if done.returncode != 0:
-        raise BuildError(f"the C compiler failed on the sources of the FMU:\n  {done.stderr.strip()[:1000]}")
 
 
 def _zip(files: Mapping[str, bytes]) -> bytes:
