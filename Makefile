@@ -7,6 +7,8 @@
 
 PYTHON ?= python3
 WORKERS ?= 2
+# From PyPI it comes with CUDA, some gigabytes: PIP_EXTRA_INDEX_URL names a place of builds for the CPU.
+TORCH ?= torch==2.13.0
 VENV := .venv
 BIN := $(VENV)/bin
 # Modules are compiled when they are first imported: that halves the time of an installation.
@@ -21,7 +23,7 @@ RUN_TESTS = $(BIN)/python -m compileall -q -j 0 flexgen tests/support && FLEXGEN
 # would compile all that it imports again (2 s instead of 0.5 s).
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full robots fuzz lint format types docs gallery bench dist sbom golden clean
+.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full test-arrays robots fuzz lint format types docs gallery bench dist sbom golden clean
 
 run: $(VENV)/.installed            ## solve the example planar5_nmp (the default target)
 	$(BIN)/python cli.py run planar5_nmp
@@ -51,6 +53,10 @@ $(VENV)/.test: $(VENV)/.installed
 	$(INSTALL) '.[test]'
 	@touch $@
 
+$(VENV)/.arrays: $(VENV)/.test
+	$(BIN)/python -m pip install --quiet --no-compile $(TORCH)
+	@touch $@
+
 $(VENV)/.lint: $(VENV)/.installed
 	$(INSTALL) '.[lint]'
 	@touch $@
@@ -71,6 +77,10 @@ test-slow: $(VENV)/.test           ## the other tests (about 25 minutes on two c
 test-full: $(VENV)/.test           ## what takes longer still: large random samples, large robots
 	@echo "flexgen: large random samples and robots, more than half an hour on two cores"
 	@$(RUN_TESTS) -m full $(PYTEST)
+
+test-arrays: $(VENV)/.arrays       ## also the tests of PyTorch (TORCH=..., default torch==2.13.0)
+	@echo "flexgen: tests of JAX and PyTorch, about 3 minutes"
+	@$(RUN_TESTS) -m 'not full and not robots' tests/cross/test_jax.py tests/cross/test_torch.py $(PYTEST)
 
 robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files
 	@echo "flexgen: generated robots, about 80 minutes on an idle core"

@@ -329,7 +329,7 @@ for _group, _targets in {
 __all__ = [*_PUBLIC, "__version__"]
 
 
-_MODULES = ("jax",)  # of other packages, imported where they are used
+_MODULES = ("jax", "torch")  # of other packages, imported where they are used
 
 
 def __getattr__(name: str) -> Any:

@@ -84,6 +84,7 @@ FLOORS = {
     "loop": 10,
     **dict.fromkeys(WINGS, 11),
     "jax": 12,
+    "torch": 12,
     "plots": 12,
     "reports": 13,
     "": 14,  # the front room: tables of public names; only the command line imports it

@@ -62,6 +62,7 @@ def test_extras_are_those_of_the_makefile():
             "compiler",
             "jax",
             "cuda",
+            "torch",
         ),
         *("test", "lint", "dev"),
     }
