@@ -23,7 +23,7 @@ body{{max-width:62em;margin:2em auto;font-family:sans-serif}}img{{width:100%}}pr
 
 def scripts() -> list[Path]:
     """The scripts of the gallery, by name."""
-    return [path for path in sorted(HERE.glob("*.py")) if path.stem not in ("build", "exhibit")]
+    return [path for path in sorted(HERE.glob("*.py")) if path.stem not in ("build", "exhibit", "linear_loop")]
 
 
 def title(script: Path) -> str:

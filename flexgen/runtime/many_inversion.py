@@ -233,7 +233,7 @@ class ManyInverter:
         inverter, chosen = self._inverter, options or InversionOptions()
         inverter._refuse_closed()
         job = self._job((y, dy, ddy), period, q_start, parameters, outputs, chosen)
-        workers = _cores() if chosen.workers is None else count_of("invert_many, workers", chosen.workers, WORKERS)
+        workers = count_cores() if chosen.workers is None else count_of("invert_many, workers", chosen.workers, WORKERS)
         found = _Collected(inverter, job, chosen.reduce)
         with reporting(chosen.progress, "invert_many") as progress:
             _in_threads(found.solve, job.problems, workers, progress)
@@ -390,7 +390,7 @@ def _rows(function: str, name: str, x: Any, width: int, real: np.dtype[Any]) -> 
     return array
 
 
-def _cores() -> int:
+def count_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

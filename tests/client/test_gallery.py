@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 GALLERY = ROOT / "examples" / "gallery"
-SHARED = ("build", "exhibit")
+SHARED = ("build", "exhibit", "linear_loop")
 SCRIPTS = sorted(path.stem for path in GALLERY.glob("*.py") if path.stem not in SHARED)
 QUICK = {"elbow", "flexible_link", "gears_and_friction", "index"}  # below 1.5 s, nothing is compiled
 LINES = 60  # of a script, at most
@@ -136,6 +136,11 @@ def check_learning(rows: dict[str, list[str]]) -> None:
     for name in ("stiffness -20 %", "stiffness +20 %", "load +3 kg"):
         errors = numbers(rows[name])
         assert errors[-1] < 0.01 * errors[0]
+
+
+def check_uncertain_robots(rows: dict[str, list[str]]) -> None:
+    mean, largest = numbers(rows["error / simulated error - 1"])
+    assert mean < 0.02 and largest < 0.05
 
 
 CHECKS = {name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")}
