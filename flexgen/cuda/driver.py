@@ -108,14 +108,14 @@ class Card:
                 ) from error
             return self._call("cuModuleGetFunction", module, kernel.encode())
 
-    def launch(self, kernel: Any, threads: int, arguments: Sequence[Any], stream: int) -> None:
+    def launch(self, kernel: Any, threads: int, arguments: Sequence[Any], stream: int, block: int = _BLOCK) -> None:
         """Start a kernel with a thread for each of `threads`; the arguments are objects of ctypes, passed by value."""
-        blocks = -(-threads // _BLOCK)
+        blocks = -(-threads // block)
         if blocks > _MOST_BLOCKS:
-            raise ArgumentError(f"{self._where()}: given {threads} points, expected at most {_BLOCK * _MOST_BLOCKS}")
+            raise ArgumentError(f"{self._where()}: given {threads} points, expected at most {block * _MOST_BLOCKS}")
         where = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(x) for x in arguments))
         with self._current():
-            self._call("cuLaunchKernel", kernel, blocks, 1, 1, _BLOCK, 1, 1, 0, stream, ctypes.addressof(where), 0)
+            self._call("cuLaunchKernel", kernel, blocks, 1, 1, block, 1, 1, 0, stream, ctypes.addressof(where), 0)
 
     def allocate(self, size: int, stream: int) -> int:
         """Address of new memory, valid for work on the stream from now on; 0 for no bytes."""

@@ -12,7 +12,8 @@ from flexgen.cuda.arrays import DeviceArray, Given, steps_of, stream_handle
 from flexgen.cuda.compiler import compile_cached
 from flexgen.cuda.driver import Card
 from flexgen.cuda.functions import functions_of
-from flexgen.cuda.sources import headers_of, kernel_text, read_files
+from flexgen.cuda.inversion import CudaManyInverter
+from flexgen.cuda.sources import headers_of, inversion_text, kernel_text, read_files
 from flexgen.errors import ArgumentError
 from flexgen.runtime.identity import REALS, read_manifest
 from flexgen.runtime.library import Library, library_again
@@ -38,25 +39,41 @@ class CudaLibrary(Library):
         self.__dict__.update(library.__dict__)
         self.device, self.card = device, Card(int(named[1] or 0))
         self._real = REALS[self.precision]
+        self._many: CudaManyInverter | None = None
         folder, self._manifest = read_manifest(self.directory)
         self._files = read_files(folder, self._manifest)
         self._headers = headers_of(self._files)
         on_card: Any = functions_of(library.functions, self.card, self._real, self._load_kernel, self.per_point)
         self.functions = MappingProxyType(on_card)
 
+    @property
+    def invert_many(self) -> Any:
+        """`invert` for many problems on the card, a thread a problem; ArgumentError where the library has none."""
+        if self._many is None:
+            self._many = CudaManyInverter(self.invert, self.card, self._load_inversion)
+        return self._many
+
+    def _load_inversion(self, work: int) -> Any:
+        """The kernel of whole inversions with so many reals of workspace."""
+        cubin = self._compile(inversion_text(self._manifest, self._files, work))
+        return self.card.load(cubin, "k_invert_many")
+
     def _load_kernel(self, function: str) -> Any:
         """The kernel of a function, compiled where the cache does not have it."""
-        text = kernel_text(self._manifest, self._files, function)
-        cubin = compile_cached(self.name, text, self._headers, self.card.architecture)
-        return self.card.load(cubin, f"k_{function}")
+        return self.card.load(self._compile(kernel_text(self._manifest, self._files, function)), f"k_{function}")
 
-    def array(self, x: Any, stream: Any = None) -> DeviceArray:
-        """A copy of an array on the GPU: numbers of the library's precision, in the order of Fortran."""
+    def _compile(self, text: str) -> bytes:
+        return compile_cached(self.name, text, self._headers, self.card.architecture)
+
+    def array(self, x: Any, stream: Any = None, order: str = "F") -> DeviceArray:
+        """A copy of an array on the GPU: numbers of the library's precision, in the order of Fortran, or of C: "C"."""
+        if order not in ("F", "C"):
+            raise ArgumentError(f"array, order: given {order!r}, expected 'F' or 'C'")
         try:
-            values = np.asfortranarray(np.asarray(x, self._real))
+            values: np.ndarray = np.asarray(x, self._real, order="F" if order == "F" else "C")
         except (TypeError, ValueError) as error:
             raise ArgumentError(f"array: given {error}, expected real numbers on the CPU") from error
-        made = DeviceArray.empty(self.card, values.shape, self._real, stream)
+        made = DeviceArray.empty(self.card, values.shape, self._real, stream, order)
         self.card.write(made._address, values.ctypes.data, values.nbytes, made.stream)
         return made
 

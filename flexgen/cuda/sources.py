@@ -106,6 +106,36 @@ extern "C" __global__ void k_{function}(
 """
 
 
+def inversion_text(manifest: Mapping[str, Any], files: Mapping[str, str], work: int) -> str:
+    """The translation unit with the kernel ``k_invert_many``, whose thread solves a problem in `work` reals of its own.
+
+    The workspace is a local array: the hardware stores the same entry of all threads of a warp next to each other.
+    """
+    name = manifest["name"]
+    main = _file_of(files, f"{name}_inversion.c", f"{name}.c")
+    every = [_file_of(files, f"{name}_{row['name']}.c", f"{name}.c") for row in manifest["functions"]]
+    includes = "".join(f'#include "{PurePosixPath(file).name}"\n' for file in dict.fromkeys([main, *every]))
+    many = manifest["sizes"].get("n_p", 0) > 0
+    argument = f"const {name}_real *parameters, " if many else ""
+    return f"""\
+/* {name}: CUDA kernel of invert_many. */
+{includes}
+extern "C" __global__ void k_invert_many({name}_problems problems, {name}_samples samples,
+    {argument}const {name}_real *q_start, {name}_inversion_options options,
+    {name}_motion motion, {name}_invert_info *info, {name}_status *statuses)
+{{
+    const ptrdiff_t k = (ptrdiff_t)blockIdx.x * blockDim.x + threadIdx.x;
+    alignas(16) {name}_real work[{work}];
+    options.growth = 0; /* not on the card: its function would make the kernel larger */
+    if (k < problems.count) {{
+        const problem_arrays arrays = {{&problems, &samples, {"parameters" if many else "q_start"}, q_start,
+            &options, &motion, info, statuses}};
+        invert_problem(&arrays, k, work, {work});
+    }}
+}}
+"""
+
+
 def _file_of(files: Mapping[str, str], *names: str) -> str:
     """The first of these files that there is; a library in one source has only the last."""
     for name in names:
