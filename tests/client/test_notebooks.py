@@ -63,6 +63,14 @@ def claims(name: str, text: str) -> None:
         assert number(r"nominal: error up to ([\d.]+) mm", text) < number(r"soft: error up to ([\d.]+) mm", text)
         assert "is unstable" in text and "expected at most" in text
         assert number(r"about the feedforward = ([\d.]+)", text) > 1.5  # 2.7 with the tunings of docs/control.md
+    elif name == "gradient_stiffness":
+        start, end = number(r"loss ([\d.]+) ->", text), number(r"loss [\d.]+ -> ([\d.]+)", text)
+        assert start > 100 and 0.8 < end < 1.2
+        found = [float(x) for x in re.findall(r"error (-?[\d.]+) %", text)]
+        assert len(found) == 2 and abs(found[0]) < 1 and abs(found[1]) < 10
+    elif name == "gradient_policy":
+        pairs = re.findall(r"error ([\d.]+) -> ([\d.]+) mrad", text)
+        assert len(pairs) == 4 and all(float(new) < 0.5 * float(old) for old, new in pairs)
     else:
         first, last = number(r"0 repetitions: +([\d.]+)", text), number(r"4 repetitions: +([\d.]+)", text)
         assert name == "learning" and last < 0.01 * first
@@ -73,6 +81,8 @@ def claims(name: str, text: str) -> None:
 def test_a_notebook_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nbclient = pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
+    if name.startswith("gradient_"):
+        pytest.importorskip("jax", reason="the package jax is not installed")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
     notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", as_version=4)
