@@ -23,6 +23,7 @@
 #undef PUBLIC
 #undef ARRAYS
 #undef WORK
+#undef SINGLE
 #undef TILE
 #undef RESULTS
 #undef COLLIDE
@@ -41,4 +42,7 @@
 #undef GATHER
 #undef PLACE
 #undef SCATTER
+#undef TAKE
+#undef RESERVE
+#undef GIVE
 #undef PASS_WORK

@@ -105,6 +105,8 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
         for p in (*f.inputs, *f.outputs)
     )
     results = sum(port.size for port in f.outputs)
+    arguments = [port.name if _shared(spec, port) else f"at_{port.name}" for port in (*f.inputs, *f.outputs)]
+    single = ", ".join([*arguments, *["work"] * (written.work > 0)])
     return f"""\
 /* {spec.name}: {f.name}. Written by flexgen; see {spec.name}.h. */
 #ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
@@ -123,6 +125,7 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 #define ARRAYS(INPUT, SHARED, OUTPUT) \\
 {_break_lines(arrays)}
 #define WORK {written.work}
+#define SINGLE {spec.name}_{f.name}({single})
 #define TILE {tile(f, spec.precision)}
 #define RESULTS {results}
 #define COLLIDE {int(results > WAYS)}

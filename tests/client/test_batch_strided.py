@@ -72,3 +72,25 @@ def test_a_stride_below_the_number_of_points_is_refused(n, stride):
     some = np.zeros(1000)
     status = lib.elbow_gravity_batch_strided(n, stride, pointer(some), pointer(some), pointer(some))
     assert status == -4 and not some.any()
+
+
+@pytest.mark.parametrize(("name", "function"), NAMES)
+def test_few_points_have_the_bits_of_single_calls(name, function):
+    # 1 to 20 points: whole vectors, and the points at the end that are computed one by one
+    f = flexgen.load(made(name).directory).functions[function]
+    x = states(name, 20)
+    one_by_one = [f(*(x[port.name][k] for port in f.inputs)) for k in range(20)]
+    for n in range(1, 21):
+        many = f(*(x[port.name][:n] for port in f.inputs))
+        for k in range(n):
+            if isinstance(many, tuple):
+                assert all(np.array_equal(a[k], b) for a, b in zip(many, one_by_one[k], strict=True))
+            else:
+                assert np.array_equal(many[k], one_by_one[k])
+
+
+def test_a_point_that_fails_among_the_last_ones_is_found():
+    x = states("elbow", 17)
+    x["q_a"][16, 0] = np.nan
+    status, (g,) = call("elbow", "gravity", 17, 17, "", x)
+    assert status == -2 and np.isnan(g[:, 16]).all() and np.isfinite(g[:, :16]).all()

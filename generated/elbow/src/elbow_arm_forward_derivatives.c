@@ -16,6 +16,7 @@
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(tau_a, ELBOW_NA) OUTPUT(da_dq, ELBOW_NA * ELBOW_NA) \
     OUTPUT(da_dv, ELBOW_NA * ELBOW_NA) OUTPUT(da_dtau, ELBOW_NA * ELBOW_NA)
 #define WORK 368
+#define SINGLE elbow_arm_forward_derivatives(at_q_a, at_v_a, at_tau_a, at_da_dq, at_da_dv, at_da_dtau, work)
 #define TILE 64
 #define RESULTS 12
 #define COLLIDE 0

@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(tau_a, ELBOW_NA) OUTPUT(a_a, ELBOW_NA)
 #define WORK 0
+#define SINGLE elbow_arm_forward_dynamics(at_q_a, at_v_a, at_tau_a, at_a_a)
 #define TILE 64
 #define RESULTS 2
 #define COLLIDE 0

@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) OUTPUT(h, ELBOW_NA)
 #define WORK 0
+#define SINGLE elbow_bias(at_q_a, at_v_a, at_h)
 #define TILE 64
 #define RESULTS 2
 #define COLLIDE 0

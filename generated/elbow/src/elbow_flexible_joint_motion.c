@@ -16,6 +16,7 @@
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(q_m, ELBOW_NM) INPUT(v_m, ELBOW_NM) OUTPUT(a_a, ELBOW_NA) \
     OUTPUT(j_a, ELBOW_NA)
 #define WORK 0
+#define SINGLE elbow_flexible_joint_motion(at_q_a, at_v_a, at_q_m, at_v_m, at_a_a, at_j_a)
 #define TILE 64
 #define RESULTS 4
 #define COLLIDE 0

@@ -16,6 +16,7 @@
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(a_a, ELBOW_NA) INPUT(j_a, ELBOW_NA) INPUT(s_a, ELBOW_NA) \
     INPUT(q_m, ELBOW_NM) INPUT(v_m, ELBOW_NM) OUTPUT(tau_m, ELBOW_NM)
 #define WORK 0
+#define SINGLE elbow_flexible_joint_torque(at_q_a, at_v_a, at_a_a, at_j_a, at_s_a, at_q_m, at_v_m, at_tau_m)
 #define TILE 64
 #define RESULTS 2
 #define COLLIDE 0

@@ -16,6 +16,7 @@
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(q_m, ELBOW_NM) INPUT(v_m, ELBOW_NM) INPUT(tau_m, ELBOW_NM) \
     OUTPUT(a_a, ELBOW_NA) OUTPUT(a_m, ELBOW_NM)
 #define WORK 0
+#define SINGLE elbow_forward_dynamics(at_q_a, at_v_a, at_q_m, at_v_m, at_tau_m, at_a_a, at_a_m)
 #define TILE 64
 #define RESULTS 4
 #define COLLIDE 0

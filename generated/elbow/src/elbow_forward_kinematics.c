@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(q_a, ELBOW_NA) OUTPUT(p, 3) OUTPUT(R, 3 * 3)
 #define WORK 0
+#define SINGLE elbow_forward_kinematics(at_q_a, at_p, at_R)
 #define TILE 64
 #define RESULTS 12
 #define COLLIDE 0

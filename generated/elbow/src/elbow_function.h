@@ -4,8 +4,8 @@
  *
  * The source defines NAME(suffix) and PUBLIC(suffix), names of private and public functions; ARRAYS(INPUT, SHARED,
  * OUTPUT), which applies a macro to the name and the size of each argument; WORK, lanes of workspace of the
- * mathematics; TILE, points that are copied together; RESULTS, numbers of results of a point; and COLLIDE: 1 where so
- * many results share the same cache lines.
+ * mathematics; SINGLE, the call for one point; TILE, points that are copied together; RESULTS, numbers of results of a
+ * point; and COLLIDE: 1 where so many results share the same cache lines.
  */
 #ifdef _OPENMP
 #include <omp.h>
@@ -32,6 +32,19 @@
     at_##x = at; \
     at += (size) * TILE;
 #define SCATTER(x, size) scatter_points(at_##x, size, count, TILE, x + first, stride, past);
+#define TAKE(x, size) \
+    const real *const at_##x = at; \
+    for (int i = 0; i < (size); ++i) { \
+        at[i] = x[i * stride + k]; \
+    } \
+    at += size;
+#define RESERVE(x, size) \
+    real *const at_##x = at; \
+    at += size;
+#define GIVE(x, size) \
+    for (int i = 0; i < (size); ++i) { \
+        x[i * stride + k] = at_##x[i]; \
+    }
 #if WORK > 0
 #define PASS_WORK (lanes *)space,
 #else
@@ -56,6 +69,17 @@ static SEPARATE elbow_status NAME(failed)(
     return first;
 }
 
+/* Point k by the function for one point; 1 where it fails. */
+static SEPARATE int NAME(point)(
+    int k, ptrdiff_t stride, ARRAYS(INPUT_ARGUMENT, INPUT_ARGUMENT, OUTPUT_ARGUMENT) real *work)
+{
+    real *at = work + WORK * LANES;
+    ARRAYS(TAKE, NOTHING, RESERVE)
+    const int bad = SINGLE != 0;
+    ARRAYS(NOTHING, NOTHING, GIVE)
+    return bad;
+}
+
 /* Points of arrays whose entries are `stride` apart. */
 static SEPARATE elbow_status NAME(many)(
     int n, int stride, ARRAYS(INPUT_ARGUMENT, INPUT_ARGUMENT, OUTPUT_ARGUMENT) real *work)
@@ -64,7 +88,10 @@ static SEPARATE elbow_status NAME(many)(
        points. */
     const int past = (size_t)n * sizeof(real) > CACHE / RESULTS;
     const int collide = past || (COLLIDE && n > TILE && (size_t)stride * sizeof(real) % 1024 == 0);
-    const int groups = n < 0 ? 0 : n / TILE + (n % TILE != 0);
+    const int few = WORK > 0 ? LANES * 3 / 4 : LANES / 2; /* points that are faster one by one than in lanes */
+    const int rest = n % LANES <= few ? n % LANES : 0;
+    const int end = n - rest;
+    const int groups = n < 0 ? 0 : end / TILE + (end % TILE != 0);
     int bad = 0;
     if (n < 0) {
         return ELBOW_BAD_COUNT;
@@ -88,7 +115,7 @@ static SEPARATE elbow_status NAME(many)(
 #endif
         for (group = 0; group < groups; ++group) {
             const int first = group * TILE;
-            const int count = n - first < TILE ? n - first : TILE;
+            const int count = end - first < TILE ? end - first : TILE;
             const int copied = collide || count % LANES != 0;
             ptrdiff_t apart = stride;
             ARRAYS(INPUT_AT, NOTHING, OUTPUT_AT)
@@ -106,6 +133,9 @@ static SEPARATE elbow_status NAME(many)(
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
+    }
+    for (int k = end; k < n; ++k) {
+        bad += NAME(point)(k, stride, ARRAYS(PASS, PASS, PASS) work);
     }
     return bad == 0 ? ELBOW_OK : NAME(failed)(ARRAYS(PASS, PASS, PASS) n, stride);
 }

@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(deflection, ELBOW_NG) OUTPUT(tau_p, ELBOW_NG) OUTPUT(dtau_p, ELBOW_NG)
 #define WORK 0
+#define SINGLE elbow_gear_law(at_deflection, at_tau_p, at_dtau_p)
 #define TILE 64
 #define RESULTS 4
 #define COLLIDE 0

@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(q_a, ELBOW_NA) OUTPUT(g, ELBOW_NA)
 #define WORK 0
+#define SINGLE elbow_gravity(at_q_a, at_g)
 #define TILE 64
 #define RESULTS 2
 #define COLLIDE 0

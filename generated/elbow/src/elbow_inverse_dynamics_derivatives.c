@@ -16,6 +16,7 @@
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(a_a, ELBOW_NA) OUTPUT(dtau_dq, ELBOW_NA * ELBOW_NA) \
     OUTPUT(dtau_dv, ELBOW_NA * ELBOW_NA) OUTPUT(dtau_da, ELBOW_NA * ELBOW_NA)
 #define WORK 0
+#define SINGLE elbow_inverse_dynamics_derivatives(at_q_a, at_v_a, at_a_a, at_dtau_dq, at_dtau_dv, at_dtau_da)
 #define TILE 64
 #define RESULTS 12
 #define COLLIDE 0

@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(q_a, ELBOW_NA) OUTPUT(J, 6 * ELBOW_NA)
 #define WORK 0
+#define SINGLE elbow_jacobian(at_q_a, at_J)
 #define TILE 64
 #define RESULTS 12
 #define COLLIDE 0

@@ -16,6 +16,7 @@
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(q_m, ELBOW_NM) INPUT(v_m, ELBOW_NM) INPUT(tau_m, ELBOW_NM) \
     OUTPUT(A, ELBOW_NX * ELBOW_NX) OUTPUT(B, ELBOW_NX * ELBOW_NM)
 #define WORK 704
+#define SINGLE elbow_linearize(at_q_a, at_v_a, at_q_m, at_v_m, at_tau_m, at_A, at_B, work)
 #define TILE 64
 #define RESULTS 80
 #define COLLIDE 1

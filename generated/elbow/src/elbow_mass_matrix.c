@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(q_a, ELBOW_NA) OUTPUT(M, ELBOW_NA * ELBOW_NA)
 #define WORK 0
+#define SINGLE elbow_mass_matrix(at_q_a, at_M)
 #define TILE 64
 #define RESULTS 4
 #define COLLIDE 0

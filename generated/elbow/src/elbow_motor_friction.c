@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(v_m, ELBOW_NM) OUTPUT(f_m, ELBOW_NM)
 #define WORK 0
+#define SINGLE elbow_motor_friction(at_v_m, at_f_m)
 #define TILE 64
 #define RESULTS 2
 #define COLLIDE 0

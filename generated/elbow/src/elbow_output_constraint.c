@@ -16,6 +16,7 @@
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(target, ELBOW_NT) OUTPUT(y_err, ELBOW_NY) OUTPUT(W, ELBOW_NY * \
     ELBOW_NA) OUTPUT(Wdot_v, ELBOW_NY)
 #define WORK 0
+#define SINGLE elbow_output_constraint(at_q_a, at_v_a, at_target, at_y_err, at_W, at_Wdot_v)
 #define TILE 64
 #define RESULTS 8
 #define COLLIDE 0

@@ -15,6 +15,7 @@
 #define ARRAYS(INPUT, SHARED, OUTPUT) \
     INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(a_a, ELBOW_NA) OUTPUT(v_tool, 6) OUTPUT(a_tool, 6)
 #define WORK 0
+#define SINGLE elbow_tool_motion(at_q_a, at_v_a, at_a_a, at_v_tool, at_a_tool)
 #define TILE 64
 #define RESULTS 12
 #define COLLIDE 0
