@@ -45,6 +45,8 @@ _VERBS = {
     "schema": "flexgen.file_schema",
     "view": "flexgen.reports.view",
 }
+# Functions whose command needs no row in verbs.py: their parameters and docstrings give its options.
+_COMMANDS = ("identify_load",)
 # Exports, by the name of the command; each is the function ``export_NAME`` of its module.
 registry.EXPORTS |= {
     "fmu": registry.Export(

@@ -21,6 +21,11 @@ from flexgen.type_checks import checked_methods
 class Result:
     """Base of the public results."""
 
+    @property
+    def problem(self) -> str:
+        """Why the result cannot be used, the failure of its command; empty where it can."""
+        return ""
+
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON types, SI units; a number that is not finite is None."""
         return {name: plain(value) for name, value in self._entries().items()}

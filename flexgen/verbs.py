@@ -3,7 +3,8 @@
 A verb: name, MODEL (``MODEL?``: optional), the function of `flexgen.cli.verbs` that prints its result, and the public
 function that it calls. An option: the parameter of that function, the placeholder of the value (none: a switch), the
 type of the value, and its help; names and defaults are those of the parameters, ``no_X`` switches X off. All words are
-explained in `flexgen.verb_rows`.
+explained in `flexgen.verb_rows`. Without a function of `flexgen.cli.verbs`, the public function is called and its
+result printed; functions in ``_COMMANDS`` of `flexgen` need no row.
 
 Parser, help and completion of the command line are rendered from these rows; those of exports are in
 `flexgen.registry`.
@@ -15,12 +16,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, get_args
 
+import flexgen
 from flexgen.identification.average_names import AverageName
 from flexgen.inversion.method_table import method_names
 from flexgen.registry import EXPORTS, Export, names
 from flexgen.runtime.targets import TARGET_NAMES
 from flexgen.simulation.hold_names import HOLDS
 from flexgen.templates.template_names import TEMPLATES
+from flexgen.verb_parameters import command_of
 from flexgen.verb_rows import Option, Verb, verbs_of
 
 LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an error needs them
@@ -85,7 +88,7 @@ new | new:new
         out FILE toml_file: write to this file (.toml); default: NAME.toml
         force: replace the file
 describe MODEL | robot:describe | describe
-check MODEL | check:check | check
+check MODEL | | check
 derive MODEL | robot:derive | derive
     files
         text group=kind: equations as plain text (default for small models)
@@ -256,9 +259,9 @@ control MODEL | control:control | control
     files
         @page
         out FILE trajectory_file: write motion, torques and errors of the model to this file
-learn MODEL | control:learn | learn
+learn MODEL | | learn
     robot
-        plant KEY=X,... plant: the robot: {FACTORS}; such as stiffness=0.8,payload=5; default: as the model
+        plant KEY=X,... changes: the robot: {FACTORS}; such as stiffness=0.8,payload=5; default: as the model
     learning
         iterations N whole_1: at most; default: {default}
         gain X positive: of the correction; default: {default}
@@ -363,6 +366,7 @@ def export_row(name: str, export: Export = ADDED) -> Verb:
 
 
 VERBS: dict[str, Verb] = verbs_of(ROWS, SHARED)
+VERBS |= {verb.name: verb for verb in map(command_of, vars(flexgen)["_COMMANDS"])}
 VERBS |= {f"export {name}": export_row(name, export) for name, export in EXPORTS.items()}
 VERBS |= verbs_of(LAST_ROWS, SHARED)
 

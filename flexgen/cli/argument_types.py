@@ -57,6 +57,21 @@ def not_negative(text: str) -> float:
     return value
 
 
+def number(text: str) -> float:
+    """A finite number."""
+    value = _number(text)
+    if math.isnan(value):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a number, such as 0.01")
+    return value
+
+
+def integer(text: str) -> int:
+    """An integer."""
+    if not re.fullmatch(r"[-+]?[0-9]{1,18}", text):
+        raise argparse.ArgumentTypeError(f"given {text[:40]!r}, expected an integer")
+    return int(text)
+
+
 def whole(least: int) -> Callable[[str], int]:
     """The type of integers that are at least this."""
 
@@ -143,6 +158,11 @@ def plant(text: str) -> tuple[str, dict[str, float]]:
         if not equals or not key.strip():
             raise argparse.ArgumentTypeError(f"given {text!r}, expected such as soft:stiffness=0.8,payload=5")
     return (name if colon else text), changes
+
+
+def changes(text: str) -> dict[str, float]:
+    """What `plant` changes, without its name."""
+    return plant(text)[1]
 
 
 def disturbance(text: str) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from typing import Any
 
 from flexgen.cli import argument_types
 from flexgen.cli.argument_parser import MESSAGES, OldName, Once, Parser, UsageError
-from flexgen.cli.defaults import defaults_of
 from flexgen.registry import added_names
+from flexgen.verb_parameters import command_of, defaults_of
 from flexgen.verb_rows import PATHS, Option, Verb
 from flexgen.verbs import VERBS, choices_of, export_row, help_of
 from flexgen.version import __version__
@@ -122,12 +122,14 @@ def _add_export(group: Any) -> Any:
 
 def _action(verb: Verb) -> Any:
     """The function that runs a verb."""
-    module, _, function = verb.action.partition(":")
+    module, _, function = (verb.action or "plain:plain").partition(":")
     return getattr(import_module(f"flexgen.cli.verbs.{module}"), function)
 
 
 def _summary(verb: Verb) -> str:
     """What a verb does: of its row, or the first line of the docstring of its function."""
+    if not (verb.summary or verb.action):
+        return command_of(verb.function).summary
     return verb.summary or (_action(verb).__doc__ or "").strip().partition("\n")[0]
 
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import flexgen
 from flexgen.atomic_files import follow_links
-from flexgen.cli.defaults import defaults_of
 from flexgen.errors import ArgumentError
+from flexgen.verb_parameters import defaults_of
 
 if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations
@@ -47,6 +48,14 @@ def keywords(args: Namespace, *without: str) -> dict[str, Any]:
     """The given arguments that are parameters of the public function of the verb, by name, but ``model`` and these."""
     known = defaults_of(args.row.function)
     return {name: getattr(args, name) for name in args.given if name in known and name not in ("model", *without)}
+
+
+def call(args: Namespace, log: Progress, *first: Any) -> Any:
+    """Call the public function of the verb: with these arguments, the positional ones, and the options given."""
+    function, known = args.row.function, defaults_of(args.row.function)
+    places = [getattr(args, x.name) for x in args.row.options() if x.place and x.name not in known]
+    told = {"progress": log} if "progress" in known else {}
+    return getattr(flexgen, function)(*first, *places, **keywords(args), **told)
 
 
 def read_model(args: Namespace) -> RobotModel:
@@ -126,8 +135,12 @@ def alone(args: Namespace, option: str, *others: str) -> None:
 
 def written(args: Namespace, result: Result) -> dict[str, Path | None]:
     """Write a result to ``--out`` and its report to ``--report``, where given: the paths by their names in JSON."""
-    data: dict[str, Path | None] = {"trajectory": None if args.out is None else result.save(args.out)}
-    if args.report is not None:
+    data: dict[str, Path | None] = {}
+    for option in args.row.sections.get("files", ()):
+        if option.name == "out":
+            key = "trajectory" if option.kind == "trajectory_file" else "out"
+            data[key] = None if args.out is None else result.save(args.out)
+    if getattr(args, "report", None) is not None:
         data["report"] = result.report(args.report)
     return data
 

@@ -133,6 +133,11 @@ class LearningResult(Result):
         """``measured_errors`` [m]; empty where the output has no lengths."""
         return self.measured_errors if self.unit == "m" else ()
 
+    @property
+    def problem(self) -> str:
+        """The failure of the robot without correction, or empty."""
+        return "the robot fails without correction" if self.errors[0] == float("inf") else ""
+
     def __repr__(self) -> str:
         errors = self.errors
         first, best = (format_size(e, self.unit) for e in (errors[0], errors[self.best]))

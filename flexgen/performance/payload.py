@@ -66,23 +66,23 @@ class Load(Result):
 @checked_types
 def identify_load(
     model: str | FilePath | RobotModel | Equations,
-    record: Trajectory,
+    record: Trajectory | str | FilePath,
     *,
     low_pass_hz: float = LOW_PASS_HZ,
     rigid: bool = False,
 ) -> Load:
-    """The load of a robot from a record of its motors.
+    """Identify the load at the tool, mass and center of mass, from a record of motor angles and torques.
 
     Parameters
     ----------
     model : name, path, RobotModel or Equations
         Without the load, or with another one as payload.
-    record : Trajectory
+    record : Trajectory, or the name of its file
         Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, on an equidistant grid, as of `ControlRun.trajectory`.
     low_pass_hz : float [Hz]
         Of torques and motion; below the natural frequencies.
     rigid : bool
-        True: without deflections, for comparison.
+        Without deflections, for comparison.
 
     Returns
     -------
@@ -103,6 +103,7 @@ def identify_load(
     '8.0 kg'
     """
     robot = robot_of(model)
+    record = record if isinstance(record, Trajectory) else Trajectory.load(record)
     return _Estimate(robot, record, low_pass_hz, rigid).solve()
 
 

@@ -22,7 +22,7 @@ SLOW = 2.0 * np.pi  # 1/s: slower real poles are friction of the free joints
 
 @checked_types
 def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -> Check:
-    """Compare the numbers of a model with those of real robots: units, powers of ten, moves within their limits.
+    """Compare the numbers of a model with those of real robots: wrong units, powers of ten, moves beyond limits.
 
     Parameters
     ----------

@@ -101,6 +101,11 @@ class Check(Result):
         """The first error in the file that has the key of the largest error; None without errors."""
         return next((f for f in self.findings if f.mark == ERROR and f.key == self.errors[0].key), None)
 
+    @property
+    def problem(self) -> str:
+        """The number of errors and the worst one; empty without errors."""
+        return f"{len(self.errors)} errors, the worst: {self.worst}" if self.errors else ""
+
     def _select(self, mark: str) -> tuple[Finding, ...]:
         found = [finding for finding in self.findings if finding.mark == mark]
         return tuple(sorted(found, key=lambda finding: -finding.distance))

@@ -88,9 +88,10 @@ FLOORS = {
     "plots": 12,
     "reports": 13,
     "": 14,  # the front room: tables of public names; only the command line imports it
-    "verbs": 15,
-    "cli": 16,
-    "__main__": 17,
+    "verb_parameters": 15,
+    "verbs": 16,
+    "cli": 17,
+    "__main__": 18,
 }
 
 WITHOUT_CASADI = ["errors", "spec", "trajectory", "model", "clib", "runtime", "cli", "__main__"]

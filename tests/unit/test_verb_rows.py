@@ -12,8 +12,8 @@ import export_tables
 import pytest
 
 import flexgen
-from flexgen.cli.defaults import defaults_of
 from flexgen.cli.parser import parse
+from flexgen.verb_parameters import defaults_of
 from flexgen.verb_rows import Verb, verbs_of
 from flexgen.verbs import VERBS, choices_of
 
@@ -132,7 +132,7 @@ def test_the_former_name_of_a_verb_is_accepted_with_a_note():
 def test_the_page_of_the_command_line_names_each_verb_once():
     page = Path(__file__).resolve().parents[2] / "docs" / "command_line.md"
     table = page.read_text(encoding="utf-8").partition("| verb |")[2].partition("\n\n")[0]
-    named = [name for line in table.splitlines()[2:] for name in re.findall(r"`(\w+)[^`]*`", line.split("|")[1])]
+    named = [name for line in table.splitlines()[2:] for name in re.findall(r"`([-\w]+)[^`]*`", line.split("|")[1])]
     assert sorted(named) == sorted({name.partition(" ")[0] for name in VERBS})
 
 
@@ -164,22 +164,95 @@ main(["export", "planted", "--help"])
 """
 
 
-def test_a_new_export_needs_its_module_and_its_row(tmp_path):
+def plant(folder: Path, room: str, module: str, rows: dict[str, str], used: str) -> str:
+    """What a script prints with a copy of the package with one more module and changes in ``__init__.py``."""
     package = Path(flexgen.__file__).parent
-    for source, copy in ((package, tmp_path / "flexgen"), (package / "exports", tmp_path / "flexgen" / "exports")):
+    for source, copy in ((package, folder / "flexgen"), (package / room, folder / "flexgen" / room)):
         copy.mkdir()
         for entry in source.iterdir():
-            if entry.name not in ("__init__.py", "exports", "__pycache__"):
+            if entry.name not in ("__init__.py", room, "__pycache__"):
                 (copy / entry.name).symlink_to(entry)
         (copy / "__init__.py").write_text((source / "__init__.py").read_text(encoding="utf-8"), encoding="utf-8")
-    front = tmp_path / "flexgen" / "__init__.py"
-    before = front.read_text(encoding="utf-8")
-    front.write_text(before.replace("registry.EXPORTS |= {\n", PLANTED_ROW), encoding="utf-8")  # file 1
-    (tmp_path / "flexgen" / "exports" / "planted.py").write_text(PLANTED_MODULE, encoding="utf-8")  # file 2
-    support = str(Path(export_tables.__file__).parent)
-    command = [sys.executable, "-c", USED, support]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    front = folder / "flexgen" / "__init__.py"
+    text = front.read_text(encoding="utf-8")
+    for before, after in rows.items():
+        assert before in text
+        text = text.replace(before, after)
+    front.write_text(text, encoding="utf-8")  # file 1
+    (folder / "flexgen" / room / "planted.py").write_text(module, encoding="utf-8")  # file 2
+    command = [sys.executable, "-c", used, str(Path(export_tables.__file__).parent)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+PLANTED_VERB = '''
+from __future__ import annotations
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+from pathlib import Path
+from flexgen.model.elements import RobotModel
+from flexgen.results import Result
+
+@dataclass(frozen=True)
+class Weight(Result):
+    kg: float
+    text: str
+
+    @property
+    def problem(self):
+        return "too heavy" if self.kg > 100.0 else ""
+
+def weigh(model: str | Path | RobotModel, load: float, *, factor: float = 2.0, parts: Sequence[str] = (),
+          unit: Literal["kg", "g"] = "kg", round: bool = True, hook: Any = None, progress: Any = None) -> Weight:
+    """Weigh a robot.
+
+    Parameters
+    ----------
+    model : name, path or RobotModel
+    load : float [kg]
+        Of the `tool`.
+    factor : float
+        Of the load.
+    unit : str
+        Of the weight.
+    """
+    progress("weighing")
+    return Weight(factor * load, f"{model.name} {unit} {round} {'+'.join(parts)}")
+'''
+WEIGHED = """
+from flexgen.cli.main import main
+main(["weigh", "--help"])
+print(main("weigh elbow 3 --factor 4 --parts a,b --unit g --no-round --out w.json --json".split()))
+print(open("w.json").read(), main("weigh elbow 300".split()), main("weigh elbow x".split()))
+"""
+
+
+def test_a_new_verb_and_its_command_need_a_module_and_rows_of_one_file(tmp_path):
+    module = "flexgen.performance.planted"
+    rows = {
+        "_VERBS = {\n": f'_VERBS = {{\n    "weigh": "{module}",\n',
+        "_NOUNS = {\n": f'_NOUNS = {{\n    "Weight": "{module}",\n',
+        "_COMMANDS = (": '_COMMANDS = ("weigh", ',
+    }
+    out = plant(tmp_path, "performance", PLANTED_VERB, rows, WEIGHED)
+    for found in (
+        "Weigh a robot.",
+        "of the tool [kg]",
+        "of the load; default: 2",
+        "--unit NAME",
+        "--no-round",
+        "--report DIR",
+        '"kg": 12.0,\n  "text": "elbow g False a+b",\n  "out": "w.json"\n}\n0\n',
+        '"kg": 12.0,\n  "text": "elbow g False a+b"\n}\n 1 2\n',
+    ):
+        assert found in out
+    assert "--hook" not in out and "--progress" not in out and "--model" not in out
+
+
+def test_a_new_export_needs_its_module_and_its_row(tmp_path):
+    out = plant(tmp_path, "exports", PLANTED_MODULE, {"registry.EXPORTS |= {\n": PLANTED_ROW}, USED)
     for found in (
         "elbow elbow.txt 7 True",
         "| `planted` | `export_planted` | `planted.py` | Write a name | [planted](../../docs/planted.md) |",
@@ -187,7 +260,7 @@ def test_a_new_export_needs_its_module_and_its_row(tmp_path):
         "usage: flexgen export planted",
         "of the name; default: 7",
     ):
-        assert found in done.stdout
+        assert found in out
 
 
 def test_choices_contain_the_default():

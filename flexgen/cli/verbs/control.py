@@ -1,4 +1,4 @@
-"""The verbs of control: control, learn, fastest, score, tune, kinematics."""
+"""The verbs of control: control, fastest, score, tune, kinematics."""
 
 from __future__ import annotations
 
@@ -32,17 +32,6 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}}
     text = text_of_control(run, margins)
     return with_files(text, data, written(args, run), "" if run.status == "done" else run.status)
-
-
-def learn(args: Namespace, log: Progress) -> VerbResult:
-    """Learn the path of a robot that differs from its model, in simulation, from its measured tool error."""
-    from flexgen.performance.learn import learn as iterate
-
-    model = read_model(args)
-    plant = args.plant[1] if args.plant else None
-    learned = iterate(model, plant=plant, **keywords(args, "plant"), progress=log)
-    problem = "the robot fails without correction" if learned.errors[0] == float("inf") else ""
-    return with_files(str(learned), learned.to_dict(), written(args, learned), problem)
 
 
 def score(args: Namespace, log: Progress) -> VerbResult:

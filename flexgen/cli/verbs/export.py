@@ -7,20 +7,15 @@ from argparse import Namespace
 
 import flexgen
 from flexgen.atomic_files import write_text
-from flexgen.cli.defaults import defaults_of
-from flexgen.cli.result import Progress, VerbResult, keywords, read_model
+from flexgen.cli.result import Progress, VerbResult, call, keywords, read_model
 from flexgen.errors import ArgumentError
 from flexgen.reports.text_tables import paragraph, table
 
 
 def export(args: Namespace, log: Progress) -> VerbResult:
     """Call the public function of the row, or an exporter of another package, and print what it wrote."""
-    robot, function = read_model(args), args.row.function
-    if function:
-        told = {"progress": log} if "progress" in defaults_of(function) else {}
-        made = getattr(flexgen, function)(robot, args.out, **keywords(args), **told)
-    else:
-        made = flexgen.export(args.kind, robot, args.out)
+    robot = read_model(args)
+    made = call(args, log, robot, args.out) if args.row.function else flexgen.export(args.kind, robot, args.out)
     text = made.summary()
     if made.path.is_dir():
         text = f"{robot.title}: {made.kind} in {made.path}\n\n{text}"

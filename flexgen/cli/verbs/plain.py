@@ -1,0 +1,18 @@
+"""Verbs that only call their public function."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from flexgen.cli.result import Progress, VerbResult, call, read_model, with_files, written
+from flexgen.display import as_json
+from flexgen.display import plain as as_plain
+
+
+def plain(args: Namespace, log: Progress) -> VerbResult:
+    """Call the public function of the row; print its result, and write it where ``--out`` and ``--report`` ask."""
+    result = call(args, log, *(() if args.row.model == "none" else (read_model(args),)))
+    if not hasattr(result, "to_text"):
+        return VerbResult({"result": as_plain(result)}, as_json(as_plain(result)))
+    notes = [text for text in getattr(result, "warnings", ()) if isinstance(text, str)]
+    return with_files(result.to_text(), result.to_dict(), written(args, result), result.problem, warnings=notes)
