@@ -55,7 +55,7 @@ def command_of(function: str) -> Verb:
     for arg, value in _parameters(node):
         option = _option(arg, defaults.get(arg.arg), docstring, required=value is None)
         if arg.arg not in LEFT_OUT and option is not None:
-            verb.sections.setdefault("arguments" if option.place else "options", []).append(option)
+            verb.sections.setdefault("arguments" if option.place else "settings", []).append(option)
         elif arg.arg not in LEFT_OUT and value is None:
             raise ValueError(f"{function}: parameter {arg.arg} cannot be given as a text, expected a row in verbs.py")
     if ast.unparse(node.returns or ast.Constant(None)) in _public() and "out" not in names:

@@ -22,6 +22,7 @@ FAMILIES = {
     "Apache": r"Apache",
     "PSF": r"PSF|Python Software Foundation",
     "MPL": r"\bMPL\b|Mozilla",
+    "NVIDIA": r"NVIDIA",
 }
 
 
