@@ -25,13 +25,14 @@ OTHERS = {
     "CHANGELOG.md": "changelog",
     "models/README.md": "model_files",
     "generated/README.md": "emitted_library",
-    **{f"benchmarks/{page.name}": f"benchmark_{page.stem}" for page in (ROOT / "benchmarks").glob("*.md")},
+    **{str(page.relative_to(ROOT)): f"benchmark_{page.stem}" for page in (ROOT / "benchmarks").rglob("*.md")},
 }
 # The table of contents: caption, pages. Pages that are missing here come at its end.
 CONTENTS = {
     "Learn": "overview five_minutes concepts theory gallery notebooks not_for",
     "How to": "own_robot identification limits_and_streams in_a_controller motion_control cluster paths control "
     "planning equations extensions",
+    "Arrays": "arrays cuda jax pytorch",
     "Other programs": "fmu fmu_tools ros2 matlab plc exchange",
     "Use": "command_line python c_library methods verification platforms",
     "Reference": "python_reference c_reference model_files emitted_library",
