@@ -143,7 +143,12 @@ class Trajectory(Result):
         return interpolate(self.time, self.channels, self.meta, t)
 
     def to_dataframe(self) -> Any:
-        """A pandas.DataFrame: one column per scalar, named ``name[label] unit``; the index is the time [s].
+        """The trajectory as a table of the package pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One column per scalar, named ``name[label] unit``; the index is the time [s].
 
         Raises
         ------
@@ -158,10 +163,14 @@ class Trajectory(Result):
         return pandas.DataFrame(table, index=pandas.Index(self.time, name="time s"), columns=self.columns())
 
     def to_xarray(self) -> Any:
-        """A xarray.Dataset: a variable for each channel over ``time`` [s] and the labels of its columns.
+        """The trajectory as a data set of the package xarray.
 
-        The dimension of the columns is ``NAME_column``; ``attrs`` of a variable: ``units`` (one text, or a list where
-        the columns differ) and ``long_name``; of the dataset: the meta data.
+        Returns
+        -------
+        xarray.Dataset
+            A variable for each channel over ``time`` [s] and the labels of its columns, whose dimension is
+            ``NAME_column``. ``attrs`` of a variable: ``units`` (one text, or a list where the columns differ) and
+            ``long_name``; of the dataset: the meta data.
 
         Raises
         ------

@@ -66,11 +66,15 @@ class Analysis(Result):
         return f"<Analysis {self.model.title}: {low}{phase}{index}>"
 
     def to_control(self, *, units: bool = False) -> Any:
-        """A StateSpace of the package python-control: the robot linearized about this equilibrium.
+        """The robot linearized about this equilibrium, for the package python-control.
 
         Inputs are the motor torques ``tau_m[...]`` [N m], outputs the declared output ``y[...]`` and the motor angles
         ``q_m[...]``, states the coordinates and their speeds; all are deviations from the equilibrium. With ``units``
         each name ends in its unit, as the columns of a trajectory: ``tau_m[m1] N m``.
+
+        Returns
+        -------
+        control.StateSpace
 
         Raises
         ------

@@ -51,7 +51,15 @@ class Output:
 @checked_class
 @dataclass(frozen=True)
 class Window:
-    """A part of the run [s] and the weights of the measures that are taken in it."""
+    """A part of the run [s] and the weights of the measures that are taken in it.
+
+    Examples
+    --------
+    >>> from flexgen.benchmarks.scenario_file import scenario
+    >>> window = scenario("four_mass", version=1).windows[0]
+    >>> window.name, window.begin, window.end, window.weights
+    ('motor step', 1.0, 5.0, {'peak': 1.0, 'settling': 0.5})
+    """
 
     name: str
     begin: float
@@ -62,7 +70,15 @@ class Window:
 @checked_class
 @dataclass(frozen=True)
 class Segment:
-    """A part of a run with its disturbances, whose times count from its begin, and the weights of its measures."""
+    """A part of a run with its disturbances, whose times count from its begin, and the weights of its measures.
+
+    Examples
+    --------
+    >>> from flexgen.benchmarks.scenario_file import scenario
+    >>> segment = scenario("four_mass", version=2).plan.segments[0]
+    >>> segment.name, segment.length_s, segment.disturbances[0].kind, segment.weights
+    ('motor step', 4.0, 'step', {'peak': 1.0, 'settling': 0.5})
+    """
 
     name: str
     length_s: float
@@ -106,6 +122,13 @@ class Scenario:
     ------
     ArgumentError
         A number is not finite.
+
+    Examples
+    --------
+    >>> from flexgen.benchmarks.scenario_file import scenario
+    >>> found = scenario("four_mass", version=1)
+    >>> found.sample_s, found.torque_max_Nm, {name: len(robots) for name, robots in found.sets.items()}
+    (0.0005, (20.0,), {'set 1': 8, 'set 2': 8})
     """
 
     name: str

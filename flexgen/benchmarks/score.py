@@ -72,6 +72,12 @@ class Score(Result):
     wall_s : float [s]
     traces : mapping
         ``z`` (n, outputs) and ``u`` (n, n_m) of the nominal robot in the first draw.
+
+    Examples
+    --------
+    >>> result = flexgen.score("four_mass", version=1)
+    >>> result.accepted, f"{result.total:.3f}", f"{result.worst:.3f}"
+    (True, '1.023', '1.023')
     """
 
     scenario: Scenario

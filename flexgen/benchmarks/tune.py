@@ -46,6 +46,12 @@ class TuningResult(Result):
     """A tuned controller: ``controller``, its ``score``, and that of the start; ``history``: best value so far.
 
     ``evaluations``: how often the score was computed.
+
+    Examples
+    --------
+    >>> tuned = flexgen.tune("four_mass", version=1, evaluations=3)
+    >>> tuned.score.total < tuned.start.total
+    True
     """
 
     controller: Cascade

@@ -70,6 +70,13 @@ class Frf(ArrayResult):
         Sensor channels, the outputs after the motors.
     orders : tuple of int
         Time derivatives from the signal of each channel to its acceleration.
+
+    Examples
+    --------
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> responses = flexgen.frf(flexgen.measure(plan))
+    >>> responses.w.shape, responses.G.shape  # poses, frequencies, accelerations, torques
+    ((10,), (1, 10, 2, 2))
     """
 
     KIND = "frf"
@@ -110,10 +117,13 @@ class Frf(ArrayResult):
         return float(np.median(np.sqrt(self.variance) / np.maximum(np.abs(self.G), 1e-300)))
 
     def to_control(self, pose: int = 0) -> Any:
-        """The responses at one pose as a ``FrequencyResponseData`` of the package python-control.
+        """The responses at one pose, counted from 0, for the package python-control.
 
-        Inputs ``tau_m[...]`` [N m], outputs ``a_m[...]`` [rad/s^2], motor side, and the sensor channels
-        as accelerations; ``pose`` from 0.
+        Returns
+        -------
+        control.FrequencyResponseData
+            Inputs ``tau_m[...]`` [N m], outputs ``a_m[...]`` [rad/s^2], motor side, and the sensor channels as
+            accelerations.
 
         Raises
         ------
@@ -138,12 +148,8 @@ class Frf(ArrayResult):
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""
         names = ["poses", "w", "G", "UU", "C", "variance", "speed_sd"] + ["total"] * (self.total is not None)
-        meta = {name: getattr(self, name) for name in ("model", "periods", "experiments", "sample_s", "delay_s")} | {
-            "motors": list(self.motors),
-            "warnings": list(self.warnings),
-            "sensors": list(self.sensors),
-            "orders": list(self.orders),
-        }
+        meta = {name: getattr(self, name) for name in ("model", "periods", "experiments", "sample_s", "delay_s")}
+        meta |= {name: list(getattr(self, name)) for name in ("motors", "warnings", "sensors", "orders")}
         meta["units"] = {"G": "rad/s^2 / (N m)", "UU": "(N m)^2", "w": "rad/s", "poses": "rad"}
         return {name: getattr(self, name) for name in names}, {**meta, "side": "motor"}
 

@@ -71,6 +71,17 @@ class MotionFit(Estimated):
         Sentences on directions that the data do not determine.
     segments, iterations : int
     wall_s : float [s]
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from flexgen.identification.recordings.recording_writer import RecordingWriter
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> writer = RecordingWriter(Path("recorded"), plan, flexgen.read("elbow"))  # simulated in place of a robot
+    >>> experiment = flexgen.measure(plan, raw=writer)
+    >>> found = flexgen.fit_motion("elbow", writer.finish(), free=["stiffness"])
+    >>> [f"{percent:.0f} %" for percent in found.fit_percent]
+    ['100 %', '100 %']
     """
 
     rms: tuple[float, ...]

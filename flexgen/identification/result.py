@@ -229,6 +229,13 @@ class IdentificationResult(Estimated):
     weights : str
         ``"structured"``, ``"nls"``, ``"lls"`` or ``"time domain"``.
     wall_s : float [s]
+
+    Examples
+    --------
+    >>> responses = flexgen.frf(flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)))
+    >>> found = flexgen.identify("elbow", responses, starts=1)
+    >>> f"{found.values['q1.stiffness']:.2e} N m/rad", found.weak
+    ('7.52e+06 N m/rad', ())
     """
 
     cost: float

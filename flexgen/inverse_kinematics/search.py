@@ -61,6 +61,13 @@ class Configuration(Result):
         wrist from the plane of the first two axes over the reach; ``elbow``, sine of the angle between upper arm and
         forearm; ``wrist``, volume that the directions of the last three axes span. The same signs mean the same
         configuration: front or back, elbow up or down, wrist flipped or not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> found = flexgen.kinematics("manutec_r3", np.array([0.5, 0.6, 1.2]), np.eye(3))
+    >>> found[0].q.shape, found[0].within_limits, sorted(found[0].parts)
+    ((6,), True, ['elbow', 'shoulder', 'wrist'])
     """
 
     q: np.ndarray

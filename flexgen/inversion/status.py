@@ -6,7 +6,16 @@ from flexgen.spec.explained_status import ExplainedStatus
 
 
 class Status(ExplainedStatus):
-    """Status of a solution."""
+    """Status of a solution.
+
+    Examples
+    --------
+    >>> status = flexgen.solve("elbow").status
+    >>> print(status, "-", status.advice)
+    solved - Use the trajectory; read the warnings first if there are any.
+    >>> status is flexgen.Status.SOLVED
+    True
+    """
 
     SOLVED = (
         "solved",

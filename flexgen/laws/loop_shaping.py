@@ -54,6 +54,12 @@ class LoopShaping(LinearDesign):
     model : RobotModel, optional
         That the controller is computed for; default: the model of the robot. For springs that are not linear one with
         linear springs in between.
+
+    Examples
+    --------
+    >>> run = flexgen.control("elbow", controller=flexgen.LoopShaping(crossover_hz=2.0, integral_hz=0.2))
+    >>> {pose: f"{margins.gain:.2f}" for pose, margins in run.margins().items()}
+    {'begin': '4.75', 'middle': '3.97', 'end': '4.80'}
     """
 
     crossover_hz: float = 2.0

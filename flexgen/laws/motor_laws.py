@@ -78,6 +78,12 @@ class TomeiPD(ModelLaw):
     ArgumentError
         A parameter is out of range; in the loop: the model does not fit, the gains are too small for gravity, or the
         sampled loop is unstable.
+
+    Examples
+    --------
+    >>> run = flexgen.control("elbow", controller=flexgen.TomeiPD(frequency_hz=5.0))
+    >>> f"{1e6 * run.distance(run.nominal).max():.0f} um"
+    '4765 um'
     """
 
     frequency_hz: float = 6.0
@@ -167,6 +173,12 @@ class JointTorqueFeedback(ModelLaw):
     ArgumentError
         A parameter is out of range; in the loop: the model does not fit, an arm angle is not measured, or the sampled
         loop is unstable.
+
+    Examples
+    --------
+    >>> run = flexgen.control("elbow", controller=flexgen.JointTorqueFeedback(frequency_hz=10.0), exact_state=True)
+    >>> f"{1e6 * run.distance(run.nominal).max():.0f} um"
+    '1 um'
     """
 
     frequency_hz: float = 8.0

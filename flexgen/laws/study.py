@@ -57,7 +57,13 @@ REST_S = 1.0  # before the motion: torque noise is measured there
 @checked_class
 @dataclass(frozen=True)
 class Setting:
-    """Sample time and delay [s], and whether the state is exact or made of noisy angles."""
+    """Sample time and delay [s], and whether the state is exact or made of noisy angles.
+
+    Examples
+    --------
+    >>> print(flexgen.Setting(sample_s=1e-3, delay_s=2e-3, exact=False))
+    1 ms, 2 samples
+    """
 
     sample_s: float
     delay_s: float
@@ -82,6 +88,13 @@ class Trial:
     ``family``: of `FAMILIES`; ``tuning``; ``error_m`` of each robot, NaN where it failed; ``dynamic_error_m``: the same
     without static errors; ``torque_noise_Nm``: largest peak-to-peak torque of a motor at rest; ``refused``: reason
     why there was no run.
+
+    Examples
+    --------
+    >>> ideal = flexgen.Setting(sample_s=0.5e-3, delay_s=0.0, exact=True)
+    >>> study = flexgen.feedback_study("elbow", settings=[ideal], families=["motor PD"], tunings=2)
+    >>> [(trial.tuning, f"{1e3 * trial.worst_m:.2f} mm") for trial in study.trials]
+    [('3 Hz', '1.02 mm'), ('64 Hz', '0.28 mm')]
     """
 
     setting: Setting
@@ -116,6 +129,13 @@ class FeedbackStudy(Result):
     trials : tuple of Trial
     torque_noise_Nm : float
         Limit of the torque noise, where there is any.
+
+    Examples
+    --------
+    >>> ideal = flexgen.Setting(sample_s=0.5e-3, delay_s=0.0, exact=True)
+    >>> study = flexgen.feedback_study("elbow", settings=[ideal], families=["motor PD"], tunings=2)
+    >>> f"{1e3 * study.best(ideal, 'motor PD').worst_m:.2f} mm"
+    '0.28 mm'
     """
 
     model: RobotModel

@@ -73,6 +73,12 @@ class GeneratedLibrary(Result):
         Time taken [s].
     cached, written : bool
         Whether nothing had to be compiled or linked; whether anything had changed and was written.
+
+    Examples
+    --------
+    >>> written = flexgen.generate("elbow", build=False)
+    >>> print(written.directory, "inverse_dynamics" in written.functions)
+    generated/elbow True
     """
 
     directory: Path

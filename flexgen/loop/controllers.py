@@ -27,7 +27,15 @@ SOURCE = Path(__file__).with_name("closed_loop.c")
 @checked_class
 @dataclass(frozen=True)
 class LowPass:
-    """``w^2 / (s^2 + 2 zeta w s + w^2)``; frequency [Hz], damping ratio."""
+    """``w^2 / (s^2 + 2 zeta w s + w^2)``; frequency [Hz], damping ratio.
+
+    Examples
+    --------
+    >>> b0, b1, b2, a1, a2 = flexgen.LowPass(150.0).section(sample_s=5e-4)
+    >>> round((b0 + b1 + b2) / (1.0 + a1 + a2), 9)  # at zero frequency
+    1.0
+    >>> law = flexgen.PPI(speed_hz=40.0, filters=(flexgen.LowPass(150.0),))
+    """
 
     frequency_hz: float
     damping: float = 0.7
@@ -44,7 +52,14 @@ class LowPass:
 @checked_class
 @dataclass(frozen=True)
 class Notch:
-    """``(s^2 + 2 zeta_n w s + w^2) / (s^2 + 2 zeta_d w s + w^2)``; frequency [Hz], damping ratios."""
+    """``(s^2 + 2 zeta_n w s + w^2) / (s^2 + 2 zeta_d w s + w^2)``; frequency [Hz], damping ratios.
+
+    Examples
+    --------
+    >>> law = flexgen.PPI(position_hz=6.0, speed_hz=40.0, filters=(flexgen.Notch(25.0),))
+    >>> flexgen.control("elbow", controller=law).margins()["begin"].stable
+    True
+    """
 
     frequency_hz: float
     zero_damping: float = 0.1
@@ -195,6 +210,14 @@ class Linear:
 
     ``A`` (parts, n_z, n_z), ``B`` (parts, n_z, n_y), ``C`` (parts, n_m, n_z), ``D`` (parts, n_m, n_y): in each part,
     of ``samples`` samples; the last one holds to the end. Without parts: (n_z, n_z) and so on.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> one = np.eye(2)  # u = tau_ff + 100 e + 5 (e - z) / 0.0005, z: e of the last sample
+    >>> law = flexgen.Linear(A=0.0 * one, B=one, C=-1e4 * one, D=1.01e4 * one)
+    >>> flexgen.control("elbow", controller=law).margins()["begin"].stable
+    True
     """
 
     A: np.ndarray

@@ -79,6 +79,11 @@ class PPI:
             Sample time and delay together: they limit the speed gain.
         motion : sequence of arrays (1, ...)
             ``q_a v_a a_a q_m v_m a_m tau_m`` of the pose that the inertias are taken at.
+
+        Returns
+        -------
+        Cascade
+            With the torque limits of the model.
         """
         check_motion(model, motion)
         stiff, soft = motor_inertias(model, motion)

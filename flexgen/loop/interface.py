@@ -58,7 +58,17 @@ class Setup:
 @checked_result
 @dataclass(frozen=True)
 class Measurement:
-    """Measurements at a sample: ``q_m`` (n_m) [rad] and ``sensors`` (n_s)."""
+    """Measurements at a sample: ``q_m`` (n_m) [rad] and ``sensors`` (n_s).
+
+    Examples
+    --------
+    >>> class Mine:
+    ...     def reset(self): ...
+    ...     def step(self, k, y, ref):  # y: a Measurement
+    ...         return ref.tau_m + 20.0 * (ref.q_m - y.q_m)
+    >>> flexgen.control("elbow", controller=Mine()).status
+    'done'
+    """
 
     q_m: np.ndarray
     sensors: np.ndarray
@@ -74,6 +84,16 @@ class Reference:
     ``q_m``, ``v_m`` (n_m): motors [rad, rad/s]; ``tau_m`` (n_m): mean of the feedforward torque over the interval in
     which the new torque will act [N m]; ``sensors`` (n_s): sensor signals on the planned motion; ``q_a``,
     ``v_a`` (n_a): arm. Arrays of the loop without the planned motion of the arm are empty.
+
+    Examples
+    --------
+    >>> class Mine:
+    ...     def reset(self): ...
+    ...     def step(self, k, y, ref):  # ref: a Reference
+    ...         return ref.tau_m + 20.0 * (ref.q_m - y.q_m)
+    >>> run = flexgen.control("elbow", controller=Mine(), plants={"soft": {"stiffness": 0.8}})
+    >>> f"{1e6 * run.distance(run['soft']).max():.0f} um"
+    '243 um'
     """
 
     q_m: np.ndarray
@@ -106,7 +126,14 @@ class Compiled:
 
 
 class Controller(Protocol):
-    """Interface of every controller of this package."""
+    """Interface of every controller of this package.
+
+    Examples
+    --------
+    >>> law = flexgen.control("elbow").law
+    >>> type(law).__name__, hasattr(law, "compiled")
+    ('Cascade', True)
+    """
 
     def compiled(self, setup: Setup) -> Compiled:
         """The controller in C, one for each robot."""

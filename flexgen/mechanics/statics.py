@@ -25,7 +25,15 @@ NEWTON_STEPS = 50
 @checked_result
 @dataclass(frozen=True)
 class Equilibrium(Result):
-    """A static equilibrium: ``q_a`` (n_a), ``q_m``, ``tau_m`` (n_m, motor side), ``tau_g`` (n_g, arm side)."""
+    """A static equilibrium: ``q_a`` (n_a), ``q_m``, ``tau_m`` (n_m, motor side), ``tau_g`` (n_g, arm side).
+
+    Examples
+    --------
+    >>> from flexgen.mechanics.statics import hold_joints
+    >>> rest = hold_joints(flexgen.derive("elbow"), [0.5, -0.3])
+    >>> rest.tau_g.round(1)  # N m
+    array([-2582.9,  -850.6])
+    """
 
     q_a: np.ndarray
     q_m: np.ndarray

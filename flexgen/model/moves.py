@@ -31,6 +31,13 @@ class PoseTarget:
     shoulder, elbow and wrist of the joints that reach it, as the flags of `flexgen.kinematics`; empty: there must be
     only one within the limits of the joints. ``turns``: whole turns of each actuated coordinate beyond an angle within
     half a turn of zero; empty: the turns, within the limits, that are closest to the start of the move.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> above = flexgen.PoseTarget((0.5, 0.6, 1.2), np.eye(3), configuration=(1, -1, 1))  # m
+    >>> flexgen.MoveJ(target=above).target.configuration
+    (1, -1, 1)
     """
 
     position: Vector
@@ -51,6 +58,14 @@ class MoveJ:
     ``speed`` [rad/s or m/s] is that of the fastest coordinate (None: that of the program). ``zone`` [rad or m]:
     distance to the end at which the rounded corner begins, measured in the coordinate that moves farthest; 0: stop.
     ``pause`` [s]: time at rest at the end.
+
+    Examples
+    --------
+    >>> steps = flexgen.MoveJ((0.4, 0.0), zone=0.05), flexgen.MoveJ((0.4, 0.3), pause=0.2)  # rad, s
+    >>> joints = (1.0, 5.0, 50.0, 500.0)  # speed, acceleration and two more derivatives
+    >>> there = flexgen.Program("there", start=(0.0, 0.0), smoothness=5, steps=steps, joint_profile=joints)
+    >>> f"{flexgen.plan('elbow', there).duration:.3f} s"
+    '1.996 s'
     """
 
     end: Vector = ()
@@ -101,6 +116,14 @@ class MoveC(MoveL):
 
     ``via`` [m, world axes] has the same origin as the end point: the start of the move if ``displacement`` is given,
     the world origin if ``position`` is given.
+
+    Examples
+    --------
+    >>> legs = (flexgen.MoveC((-0.2, 0.0, -0.2), via=(-0.15, 0.0, -0.05)),)  # m
+    >>> start, profile = (0.5, -0.3), (0.5, 2.0, 20.0, 200.0)
+    >>> arc = flexgen.Move("arc", "tool_polyline", start, 0.0, 5, legs=legs, profile=profile)
+    >>> f"{flexgen.plan('elbow', arc).duration:.3f} s"
+    '1.282 s'
     """
 
     via: Vector = ()

@@ -36,7 +36,17 @@ FUNCTIONS = ("mass_matrix", "bias", "motor_friction")
 @checked_result
 @dataclass(frozen=True)
 class Detection(Result):
-    """``residual`` (n, n_m) [N m, motor side]; ``sample``: the first one above a threshold, None: none."""
+    """``residual`` (n, n_m) [N m, motor side]; ``sample``: the first one above a threshold, None: none.
+
+    Examples
+    --------
+    >>> run = flexgen.control("elbow").nominal
+    >>> detector = flexgen.CollisionDetector(flexgen.read("elbow"), sample_s=5e-4)
+    >>> thresholds = detector.calibrate([(run.measured, run.tau_m)])
+    >>> found = detector.detect(run.measured, run.tau_m)
+    >>> print(found.sample, found.residual.shape)  # no contact; samples, motors
+    None (7009, 2)
+    """
 
     residual: np.ndarray
     sample: int | None

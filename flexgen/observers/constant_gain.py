@@ -77,6 +77,16 @@ class ConstantGainObserver:
         An output is not known, a noise is not above zero, or the outputs do not determine the state.
     SolverError
         No gain exists at a pose.
+
+    Examples
+    --------
+    >>> solution = flexgen.solve("elbow")
+    >>> observer = flexgen.ConstantGainObserver(solution, parts=4)
+    >>> observer.gains.shape  # parts, states, outputs
+    (4, 10, 2)
+    >>> run = flexgen.control("elbow", solution=solution, sample_time=1e-3).nominal
+    >>> observer.run(run.measured, run.tau_m).shape
+    (3505, 10)
     """
 
     def __init__(

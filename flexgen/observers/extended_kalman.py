@@ -77,6 +77,13 @@ class Estimate(Result):
         ``nu' S^-1 nu`` of the innovation nu and its covariance S: chi-square with n_y degrees of freedom.
     deviation : array (n_z,)
         Standard deviations of the states, see `ExtendedKalmanFilter.states`.
+
+    Examples
+    --------
+    >>> run = flexgen.control("elbow", sample_time=1e-3).nominal
+    >>> found = flexgen.ExtendedKalmanFilter("elbow").run(run.measured, run.tau_m)
+    >>> found.q_a.shape, found.disturbance.shape, found.innovation.shape
+    ((3505, 2), (3505, 2), (3505, 2))
     """
 
     q_a: np.ndarray
@@ -240,6 +247,11 @@ class ExtendedKalmanFilter:
             Measured now, in the order of `outputs`.
         u : array (n_m,) [N m]
             Torques that acted since the last sample.
+
+        Returns
+        -------
+        Estimate
+            Of one sample.
 
         Raises
         ------

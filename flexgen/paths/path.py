@@ -94,7 +94,11 @@ class Path(Result):
         }
 
     def table(self) -> np.ndarray:
-        """The path as numbers (n,) that the sampler of the emitted C reads, see `flexgen.paths.path_table`.
+        """The path as the sampler of the emitted C reads it, see `flexgen.paths.path_table`.
+
+        Returns
+        -------
+        array (n,)
 
         Raises
         ------

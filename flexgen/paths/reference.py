@@ -27,6 +27,12 @@ class PathSample(Result):
     ``y`` (n, n_y, 6): rows of the output that are positions (3 for a pose), last axis: derivatives 0 to 5. For a pose
     also ``R`` (n, 3, 3), the orientation in the world, and ``w`` (n, 3, 5), the angular velocity (world axes) and its
     derivatives 0 to 4. ``q_g`` (n, n_g, 6) where the move is one of joints.
+
+    Examples
+    --------
+    >>> sample = flexgen.plan("elbow", "line").sample([0.0, 0.5, 1.0])
+    >>> sample.y.shape  # instants, positions, derivatives
+    (3, 2, 6)
     """
 
     y: np.ndarray

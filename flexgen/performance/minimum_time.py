@@ -68,6 +68,12 @@ class FastestMove(Result):
         Time of the search.
     history : tuple of float
         Duration after each step [s].
+
+    Examples
+    --------
+    >>> quick = flexgen.fastest("elbow", "line", coefficients=4)
+    >>> quick.rigid_s < quick.duration_s < quick.default_s
+    True
     """
 
     solution: Solution

@@ -45,6 +45,13 @@ class Load(Result):
 
     ``total_mass``, ``total_com``: of the load together with the payload of the model file. ``residual_Nm``: root mean
     square of the residual gear torques (n_g,), arm side.
+
+    Examples
+    --------
+    >>> record = flexgen.solve(flexgen.read("manutec_r3", overrides={"payload.mass": 20.0}), verify=False).trajectory
+    >>> load = flexgen.identify_load("manutec_r3", record)  # payload in the file: 15 kg
+    >>> f"{load.mass:.1f} kg of {load.total_mass:.1f} kg"
+    '5.0 kg of 20.0 kg'
     """
 
     mass: float

@@ -86,6 +86,15 @@ class Phase:
         All phases of the problem.
     unknowns : list of SX
         Further unknown numbers of the problem.
+
+    Examples
+    --------
+    >>> problem = flexgen.plan_problem("elbow", mesh=20)
+    >>> second = problem.then(0.5, mesh=10)
+    >>> second.add_cost(second["tau_m[m1]"] ** 2)
+    >>> second.bound("tau_m", -20, 20)  # N m
+    >>> second
+    <Phase elbow, number 1: 0.5 s, 10 intervals>
     """
 
     def __init__(

@@ -49,6 +49,13 @@ class Finding:
     ``mark``: ``"ok"``, ``"unusual"`` (look at it) or ``"error"`` (no robot has it); ``key``: its place in the model
     file; ``quantity``, ``value`` and ``usual`` as text with units; ``advice``: what to look at, empty where the mark is
     ``"ok"``; ``distance``: powers of ten between the value and the usual range.
+
+    Examples
+    --------
+    >>> robot = flexgen.read("elbow", overrides={"motor.m1.inertia": 1.0})
+    >>> finding = next(one for one in flexgen.check(robot).findings if one.mark != "ok")
+    >>> finding.mark, finding.key, finding.value
+    ('unusual', 'motor.m1.inertia', '1 kg m^2')
     """
 
     mark: str

@@ -97,6 +97,14 @@ class Function:
         What it computes.
     inputs, outputs : tuple of Port
         The arrays.
+
+    Examples
+    --------
+    >>> library = flexgen.load(flexgen.generate("elbow", functions=["gravity"]).directory)
+    >>> library.gravity([[0.0, 0.0], [0.5, -0.3]]).shape  # points, rows
+    (2, 2)
+    >>> library.gravity.equation
+    'g = dU(q_a)/dq_a'
     """
 
     def __init__(

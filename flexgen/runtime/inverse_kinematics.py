@@ -18,7 +18,16 @@ FUNCTION = "inverse_kinematics"
 
 
 class InverseKinematics:
-    """All joint configurations at a pose, as a function of a library: ``library.inverse_kinematics(p, R)``."""
+    """All joint configurations at a pose, as a function of a library: ``library.inverse_kinematics(p, R)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> functions = ["forward_kinematics", "jacobian"]
+    >>> library = flexgen.load(flexgen.generate("manutec_r3", functions=functions).directory)
+    >>> library.inverse_kinematics([0.5, 0.6, 1.2], np.eye(3)).shape  # configurations, joints
+    (4, 6)
+    """
 
     def __init__(
         self,

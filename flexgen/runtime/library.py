@@ -162,6 +162,10 @@ class Library:
         parameters : array (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file.
 
+        Returns
+        -------
+        PathSampler
+
         Raises
         ------
         ArgumentError

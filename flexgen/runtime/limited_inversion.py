@@ -31,6 +31,16 @@ class LimitedInverter(Inverter):
     """``library.invert_limited(y, dy, ddy, period=..., q_start=..., torque_max=...)``: inverse dynamics within limits.
 
     It may be called from several threads, as `Inverter`.
+
+    Examples
+    --------
+    >>> library = flexgen.load(flexgen.generate("elbow").directory)
+    >>> path = flexgen.plan("elbow", "line")
+    >>> y, dy, ddy = path.sample([0.005 * k for k in range(201)]).y.transpose(2, 0, 1)[:3]
+    >>> given = {"period": 0.005, "q_start": path.q_start, "torque_max": [18.0, 18.0]}
+    >>> found = library.invert_limited(y, dy, ddy, **given)
+    >>> found.limits_active, bool(abs(found.tau_m).max() <= 18.0)
+    (True, True)
     """
 
     _fewest = "at least 9 knots on the path (knot_samples)"

@@ -106,6 +106,15 @@ class Inverter:
     """``library.invert(y, dy, ddy, period=..., q_start=...)``, or ``bvp``: inverse dynamics along a whole path.
 
     It may be called from several threads. Every call uses its own workspace, which is kept for later calls.
+
+    Examples
+    --------
+    >>> library = flexgen.load(flexgen.generate("elbow").directory)
+    >>> path = flexgen.plan("elbow", "line")
+    >>> y, dy, ddy = path.sample([0.005 * k for k in range(201)]).y.transpose(2, 0, 1)[:3]
+    >>> found = library.invert(y, dy, ddy, period=0.005, q_start=path.q_start)
+    >>> found.tau_m.shape  # N m
+    (201, 2)
     """
 
     _fewest = "at least 2 samples"

@@ -80,6 +80,13 @@ class Port:
         SI unit, such as ``"rad/s"``; ``"mixed"`` where the rows differ, with the doc saying how.
     doc : str
         What it is, in one line.
+
+    Examples
+    --------
+    >>> library = flexgen.load(flexgen.generate("elbow", functions=["gravity"]).directory)
+    >>> (port,) = library.gravity.inputs
+    >>> port.name, port.shape, port.unit
+    ('q_a', (2,), 'rad')
     """
 
     name: str

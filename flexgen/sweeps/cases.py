@@ -46,6 +46,14 @@ class RandomMove:
     """A joint move drawn at random within the model's limits of position, speed and acceleration.
 
     It is the same for the same ``number`` and ``seed`` on every computer. ``duration`` [s], ``smoothness``: of a Move.
+
+    Examples
+    --------
+    >>> (move,) = flexgen.random_moves(1, seed=1, duration=0.8)
+    >>> move
+    RandomMove(number=0, seed=1, duration=0.8, smoothness=5)
+    >>> flexgen.Grid(["elbow"], moves=[move], methods=["auto"])[0].move
+    RandomMove(number=0, seed=1, duration=0.8, smoothness=5)
     """
 
     number: int

@@ -33,7 +33,16 @@ from flexgen.type_checks import checked_result, checked_types
 @checked_result
 @dataclass(frozen=True, repr=False)
 class SweepResult(Result):
-    """Tables of a sweep, one row for each case: the results, and the times, which differ from run to run."""
+    """Tables of a sweep, one row for each case: the results, and the times, which differ from run to run.
+
+    Examples
+    --------
+    >>> result = flexgen.sweep(flexgen.Grid(["elbow"], moves=flexgen.random_moves(2, seed=1)), workers=1)
+    >>> print(*result.results["status"])
+    solved solved
+    >>> [column.name for column in result.times.columns]  # seconds of each case
+    ['case', 'wall', 'cpu']
+    """
 
     results: Table
     times: Table

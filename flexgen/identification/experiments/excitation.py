@@ -59,6 +59,12 @@ class Plan(ArrayResult):
         Channels of sensors that are recorded too.
     predicted : dict of str to float
         Expected standard deviation of the logarithm of each parameter, where it was computed.
+
+    Examples
+    --------
+    >>> plan = flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)
+    >>> plan.poses.shape, len(plan.lines), plan.hardware.sample_s
+    ((1, 2), 10, 0.0005)
     """
 
     KIND = "plan"
@@ -135,10 +141,13 @@ class Plan(ArrayResult):
         return out
 
     def write_references(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write one period of the references of each experiment as a CSV file, for the drives of a real robot.
+        """Write one period of the references of each experiment, for the drives of a real robot.
 
-        Columns: ``t`` [s], then ``<motor>_q_ref_rad`` and ``<motor>_v_ref_rad_s``, motor side; the period is repeated
-        ``transients + periods`` times.
+        Returns
+        -------
+        tuple of Path
+            CSV files. Columns: ``t`` [s], then ``<motor>_q_ref_rad`` and ``<motor>_v_ref_rad_s``, motor side; the
+            period is repeated ``transients + periods`` times.
 
         Raises
         ------
@@ -148,15 +157,12 @@ class Plan(ArrayResult):
         target, out = Path(folder), []
         names = ["t", *(f"{motor}_{kind}" for kind in ("q_ref_rad", "v_ref_rad_s") for motor in self.motors)]
         t = np.arange(self.samples) * self.hardware.sample_s
-        runs = [
-            (k, r, e) for k in range(len(self.poses)) for r in range(self.realizations) for e in range(self.experiments)
-        ]
         try:
             target.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ArgumentError(f"references: the folder {str(target)!r} cannot be made ({error.strerror})") from None
         w = 2j * np.pi * np.fft.rfftfreq(self.samples, self.hardware.sample_s)[:, None]
-        for k, r, e in runs:
+        for k, r, e in np.ndindex(len(self.poses), self.realizations, self.experiments):
             q = self.reference(r, e)
             v = np.fft.irfft(w * np.fft.rfft(q, axis=0), self.samples, axis=0)
             rows = np.column_stack([t, self.poses[k] + q, v])

@@ -70,6 +70,12 @@ class Experiment(ArrayResult):
         One period of the reference angles of recordings [rad], motor side; None: those of the plan.
     lines_by_torque : bool
         The lines are those where the torques are large: lines of distortion can be among them.
+
+    Examples
+    --------
+    >>> experiment = flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10))
+    >>> experiment.q_m.shape  # poses, realizations, experiments, periods, frequencies, motors
+    (1, 1, 2, 4, 10, 2)
     """
 
     KIND = "experiment"
