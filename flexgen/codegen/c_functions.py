@@ -345,11 +345,9 @@ def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str
 
 def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
     """Why a library with these functions has no invert and stream; None where it has them."""
-    obstacle = model.inversion_obstacle()
-    if obstacle is not None:
-        return obstacle
-    missing = [name for name in INVERSION if name in offered_functions(model) and name not in functions]
-    return f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
+    missing = [name for name in offered_functions(model) if name in INVERSION and name not in functions]
+    obstacle = f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
+    return model.inversion_obstacle() or obstacle
 
 
 def _with_parameters(function: CFunction) -> CFunction:

@@ -19,11 +19,9 @@ from flexgen.codegen.interface import DERIVATIVES, ENUMS, STRUCTS
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.signatures import (
     COTANGENT,
     DIFFERENTIATED,
-    FLEXIBLE_JOINT,
     FUNCTIONS,
     OPTIONAL,
     PORTS,
@@ -31,7 +29,7 @@ from flexgen.mechanics.signatures import (
     TABLE,
     TANGENT,
     Row,
-    offered_functions,
+    function_obstacles,
     port,
     split_product,
 )
@@ -259,23 +257,19 @@ def choose_functions(names: Sequence[str] | None, model: RobotModel, parts: Sequ
 
     ArgumentError for one that is unknown, or that the model does not have.
     """
-    offered = offered_functions(model)
+    obstacles = function_obstacles(model)
+    offered = tuple(name for name in FUNCTIONS if obstacles[name] is None)
     if names is None:
         return _with_products(offered) if DERIVATIVES in parts else offered
     if isinstance(names, str):
         raise ArgumentError(f"functions: given the text {names!r}, expected a sequence of names")
     for name in names:
-        if name not in (*FUNCTIONS, *OPTIONAL):
+        if name not in obstacles:
             known = [each for each in (*FUNCTIONS, *OPTIONAL) if not split_product(each)[1]]
             products = ", ".join(pattern for pattern, _ in PRODUCTS)
             raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join(known)}, {products}")
-        base = split_product(name)[0]
-        if base not in (*offered, *OPTIONAL):
-            reason = model.inversion_obstacle() or f"model {model.name} has no coordinates without motor"
-            if base in FLEXIBLE_JOINT:
-                reason = flexible_joint_obstacle(model) or reason
-            elif base in ("sensors", "sensor_derivatives"):
-                reason = f"model {model.name} has no sensors"
+        reason = obstacles[name]
+        if reason is not None:
             raise ArgumentError(f"functions: given {name!r}, but {reason}; expected some of {', '.join(offered)}")
     if not names:
         raise ArgumentError("functions: given none, expected at least one name, or None for all of them")

@@ -425,18 +425,22 @@ def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
     )
 
 
-def offered_functions(model: RobotModel) -> tuple[str, ...]:
-    """The functions that a model's library can have.
-
-    Those of `INVERSION` only where the model inverts, those of `FLEXIBLE_JOINT` for arms with elastic joints.
-    """
+def function_obstacles(model: RobotModel) -> dict[str, str | None]:
+    """Why a model's library cannot have a function, for each row of the table; None where it can."""
     from flexgen.mechanics.elastic_joints import flexible_joint_obstacle  # (it needs numpy, the names here do not)
 
-    left_out = set() if model.inversion_obstacle() is None else set(INVERSION)
-    if not model.i_e:
-        left_out.add("inversion_jacobians")
+    obstacles = dict.fromkeys(FLEXIBLE_JOINT, flexible_joint_obstacle(model))
     if not model.sensors:
-        left_out |= {"sensors", "sensor_derivatives"}
-    if flexible_joint_obstacle(model) is not None:
-        left_out.update(FLEXIBLE_JOINT)
-    return tuple(name for name in FUNCTIONS if name not in left_out)
+        obstacles |= dict.fromkeys(("sensors", "sensor_derivatives"), f"model {model.name} has no sensors")
+    obstacles |= dict.fromkeys(INVERSION, model.inversion_obstacle())
+    if not model.i_e:
+        obstacles["inversion_jacobians"] = (
+            obstacles["inversion_jacobians"] or f"model {model.name} has no coordinates without motor"
+        )
+    return {row.name: obstacles.get(split_product(row.name)[0]) for row in TABLE}
+
+
+def offered_functions(model: RobotModel) -> tuple[str, ...]:
+    """The functions that a model's library can have."""
+    obstacles = function_obstacles(model)
+    return tuple(name for name in FUNCTIONS if obstacles[name] is None)
