@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -59,24 +60,11 @@ def library_with(
     """
     with pause():
         what = _What(tuple(functions), tuple(solvers), tuple(parameters), native, per_point)
-        return _load(_Key(model), what, progress if progress is not None else _silent)
+        return _load(model, what, progress if progress is not None else _silent)
 
 
 def _silent(line: str) -> None:
     """Do not log."""
-
-
-class _Key:
-    """A model, equal to another with the same data."""
-
-    def __init__(self, model: RobotModel) -> None:
-        self.model, self.digest = model, model_digest(model)
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and other.digest == self.digest
 
 
 @dataclass(frozen=True)
@@ -104,43 +92,37 @@ class _What:
 
 
 @lru_cache(maxsize=KEPT)
-def _holder(key: _Key, what: _What) -> list[Library]:
-    """Holder of the library of a model, kept by this process."""
+def _holder(digest: str, what: _What) -> list[Library]:
+    """Holder of the library of the model with this digest, kept by this process."""
     return []
 
 
-def _load(key: _Key, what: _What, progress: Callable[[str], None]) -> Library:
-    holder = _holder(key, what)
-    if not holder:
-        model = key.model
-        root = cache_folder()
-        processor = " ".join(sorted(instruction_sets() or ()))  # computers that share the cache can differ
-        mark = hashlib.sha256(f"{key.digest} {what} {processor}".encode()).hexdigest()[:16]
-        if root is None:
-            with tempfile.TemporaryDirectory() as folder:
-                made = what.generate(model, Path(folder) / "library", progress)
-                holder.append(load(made.directory))
-        else:
-            target = root / "libraries" / f"{library_name(model)}-{mark}"
-            holder.append(_load_from_cache(model, target, what, progress))
-    else:
+def _load(model: RobotModel, what: _What, progress: Callable[[str], None]) -> Library:
+    digest = model_digest(model)
+    holder = _holder(digest, what)
+    if holder:
         mark_used(holder[0].directory)
+        return holder[0]
+    root = cache_folder()
+    processor = " ".join(sorted(instruction_sets() or ()))  # computers that share the cache can differ
+    mark = hashlib.sha256(f"{digest} {what} {processor}".encode()).hexdigest()[:16]
+    with tempfile.TemporaryDirectory() if root is None else nullcontext(root / "libraries") as folder:
+        target = Path(folder) / f"{library_name(model)}-{mark}"
+        holder.append(_load_from_cache(model, target, what, progress))
     return holder[0]
 
 
 def _load_from_cache(model: RobotModel, target: Path, what: _What, progress: Callable[[str], None]) -> Library:
     """The library in a folder of the cache; generated where it is missing."""
-    there = (target / MANIFEST).exists()
-    mark_used(target)
-    try:
-        made = what.generate(model, target, progress)
-        library = load(made.directory)
-    except (BuildError, OSError):
-        if not there or (target / MANIFEST).exists():
-            raise
-        # another process removed it meanwhile; a new one is not removed
-        made = what.generate(model, target, progress)
-        library = load(made.directory)
+    for there in ((target / MANIFEST).exists(), False):
+        mark_used(target)
+        try:
+            made = what.generate(model, target, progress)
+            library = load(made.directory)
+            break
+        except (BuildError, OSError):  # another process may remove it meanwhile, but no new one
+            if not there or (target / MANIFEST).exists():
+                raise
     if made.written:
         prune(target.parent)
     return library
