@@ -16,7 +16,7 @@ from flexgen.loop.plants import NOMINAL
 from flexgen.loop.reference import MotionReference
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
-from flexgen.model.output_columns import output_labels, output_units, turn_angle
+from flexgen.model.output_columns import columns_in, output_labels, output_units, turn_angle, unit_of
 from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.spec.ports import Port
@@ -291,16 +291,6 @@ class ControlRun(Result):
             "status": self.status,
             "plants": [{k: _replace_nan(v) for k, v in self.figures(run).items()} for run in self.runs],
         }
-
-
-def unit_of(model: RobotModel) -> str:
-    """The unit of the errors of an output: ``"m"``, or ``"rad"`` where it has no lengths."""
-    return "m" if "m" in output_units(model) else "rad"
-
-
-def columns_in(model: RobotModel, unit: str) -> list[int]:
-    """Columns of the output with this unit."""
-    return [k for k, own in enumerate(output_units(model)) if own == unit]
 
 
 def _replace_nan(value: Any) -> Any:

@@ -28,6 +28,16 @@ def output_units(model: RobotModel) -> tuple[str, ...]:
     return tuple(model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights)
 
 
+def unit_of(model: RobotModel) -> str:
+    """The unit of the errors of an output: ``"m"``, or ``"rad"`` where it has no lengths."""
+    return "m" if "m" in output_units(model) else "rad"
+
+
+def columns_in(model: RobotModel, unit: str) -> list[int]:
+    """Columns of the output with this unit."""
+    return [k for k, own in enumerate(output_units(model)) if own == unit]
+
+
 def turn_angle(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
     """Angle (n,) [rad] between two orientations (n, 3, 3), accurate for small angles too."""
     E = R @ R_ref.transpose(0, 2, 1)

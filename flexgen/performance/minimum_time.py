@@ -25,9 +25,9 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution, format_size
 from flexgen.inversion.solve import solve
-from flexgen.loop.result import unit_of
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.output_columns import unit_of
 from flexgen.paths.path import Path, check_range, find_move
 from flexgen.performance.rigid_time import rigid_time
 from flexgen.performance.time_search import TimeSearch

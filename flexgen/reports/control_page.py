@@ -9,7 +9,8 @@ import numpy as np
 
 from flexgen.benchmarks.score import Score
 from flexgen.loop.plants import NOMINAL
-from flexgen.loop.result import UNITS, ControlRun, columns_in
+from flexgen.loop.result import UNITS, ControlRun
+from flexgen.model.output_columns import columns_in
 from flexgen.performance.learn import LearningResult
 from flexgen.plots import control as plots
 from flexgen.reports.html import head, html_table, number
