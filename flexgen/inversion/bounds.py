@@ -88,24 +88,20 @@ class Limits:
         sizes = {"torque": robot.n_m, "speed": robot.n_m, "deflection": robot.n_e}
         given = {"torque": torque, "speed": speed, "deflection": deflection}
         if all(values is None for values in given.values()):
-            return cls._of_file(robot)
+            torque = tuple(np.inf if m.torque_max is None else m.torque_max for m in robot.motors)
+            speed = tuple(np.inf if m.speed_max is None else m.speed_max for m in robot.motors)
+            if np.isinf([*torque, *speed]).all():
+                raise ArgumentError(
+                    f"limits: model {robot.name} states none, expected torque_max or speed_max of a motor; add them to "
+                    "the model file"
+                )
+            return cls(torque, speed)
         out = {}
         for name, values in given.items():
             if values is not None:
                 each: Any = (values,) * sizes[name] if isinstance(values, Real) else values
                 out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))
         return cls(**out)
-
-    @classmethod
-    def _of_file(cls, robot: RobotModel) -> Limits:
-        torque = tuple(np.inf if m.torque_max is None else m.torque_max for m in robot.motors)
-        speed = tuple(np.inf if m.speed_max is None else m.speed_max for m in robot.motors)
-        if np.isinf([*torque, *speed]).all():
-            raise ArgumentError(
-                f"limits: model {robot.name} states none, expected torque_max or speed_max of a motor; add them to the "
-                "model file"
-            )
-        return cls(torque, speed)
 
     def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
         """Torque and speed bounds (n_m,), infinite where there is none; ArgumentError where the sizes differ."""

@@ -28,7 +28,7 @@ from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.output_columns import unit_of
-from flexgen.paths.path import Path, check_range, find_move
+from flexgen.paths.path import Path, check_range
 from flexgen.performance.rigid_time import rigid_time
 from flexgen.performance.time_search import TimeSearch
 from flexgen.progress import Choice, reported
@@ -216,12 +216,10 @@ def fastest(
         check_positive("vibration", vibration, "a size > 0 in m, or rad where the output has no lengths")
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
-    robot = robot_of(model)
-    chosen = move if isinstance(move, Move) else find_move(robot, move)
     check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
     try:
         with running(time_limit or None):
-            return _find_fastest(robot, chosen, limits, torque_rate, vibration, coefficients, progress)
+            return _find_fastest(robot_of(model), move, limits, torque_rate, vibration, coefficients, progress)
     except OutOfTime as error:
         raise SolverError(
             f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with time_limit= "
@@ -231,7 +229,7 @@ def fastest(
 
 def _find_fastest(
     robot: RobotModel,
-    chosen: Move,
+    move: str | Move | None,
     limits: Limits | None,
     torque_rate: float | None,
     vibration: float | None,
@@ -241,9 +239,10 @@ def _find_fastest(
     """The fastest time law; the arguments are those of `fastest`, checked."""
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
-    default = solve(robot, chosen, progress=progress if callable(progress) else None)
-    check_range(Path(derive(robot), default.move))
-    search = TimeSearch(robot, default, limits, torque_rate, vibration, coefficients, tell)
+    default = solve(robot, move, progress=progress if callable(progress) else None)
+    path = Path(derive(robot), default.move)
+    check_range(path)
+    search = TimeSearch(path, default, limits, torque_rate, vibration, coefficients, tell)
     began, cpu = perf_counter(), process_time()
     x, history = search.run()
     if search.swings is not None:
@@ -252,9 +251,10 @@ def _find_fastest(
     timed = search.move(x)
     tell(f"verifying {timed.duration:.4f} s")
     found = solve(robot, timed, ignore_limits=True, progress=progress if callable(progress) else None)
+    new, given = (search.vibrations(solution) for solution in (found, default))
     return FastestMove(
-        found, default, search.limits, float(x[0]), search.path.duration, rigid_time(search.path, *search.bounds),
-        search.vibrations(found), search.vibrations(default), search.excess(x), coefficients, search.programs,
+        found, default, search.limits, float(x[0]), path.duration, rigid_time(path, *search.bounds),
+        new, given, search.excess(x), coefficients, search.programs,
         search.inversions, seconds[1], seconds[0], tuple(history),
     )  # fmt: skip
 

@@ -18,8 +18,7 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import Solution
 from flexgen.loop.reference import trajectory_of
-from flexgen.mechanics.equations import derive
-from flexgen.model.elements import Move, RobotModel
+from flexgen.model.elements import Move
 from flexgen.paths.path import Path
 from flexgen.paths.time_laws import SplineLaw, TimeLaw
 from flexgen.performance.residual_vibration import ResidualVibration
@@ -46,7 +45,7 @@ class TimeSearch:
 
     def __init__(
         self,
-        model: RobotModel,
+        path: Path,
         default: Solution,
         limits: Limits | None,
         torque_rate: float | None,
@@ -54,20 +53,20 @@ class TimeSearch:
         coefficients: int,
         tell: Callable[[str], None],
     ) -> None:
-        self.model, self.tell, self.n = model, tell, coefficients
-        equations = derive(model)
-        self.path = Path(equations, default.move)
-        if len(self.path.segments) != 1:
+        equations, model = path.equations, path.equations.model
+        self.path, self.model, self.tell, self.n = path, model, tell, coefficients
+        if len(path.segments) != 1:
             raise ArgumentError(f"move {default.move.name}: given one of several segments, expected a single one")
         if default.move.type in ("sampled", "program"):
             raise ArgumentError(
                 f"move {default.move.name}: given a {default.move.type} move, expected a line, arc or joint"
             )
+        self.limits = self._limits(default, limits)
         self.library = inversion_library(equations, "lq", progress=tell)
         self._reduction = Reduction(equations)
-        before, after = InversionProblem(equations, self.path).windows
+        before, after = InversionProblem(equations, path).windows
         self._before, self._after = before, min(after, AFTER_S)
-        tau, self.limits = default.trajectory["tau_m"], self._limits(default, limits)
+        tau = default.trajectory["tau_m"]
         self._bounds = [*self.bounds, self.limits.deflections(model.n_e)]
         rate = np.abs(np.gradient(tau, default.trajectory.time, axis=0)).max(axis=0)
         self._rate = np.full(model.n_m, np.inf) if torque_rate is None else torque_rate * rate
