@@ -96,6 +96,26 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
         raise unwritable(path, error) from error
 
 
+def check_writable(path: Path | None, *, folder: bool = False) -> None:
+    """Check that an output path can be written, before a long computation starts.
+
+    Raises
+    ------
+    ArgumentError
+        It is a directory but a file is expected, or the reverse.
+    """
+    if path is None:
+        return
+    follow_links(path)
+    if not folder and path.is_dir():
+        raise ArgumentError(f"output: given {str(path)!r}, which is a directory, expected a file name")
+    ancestor = path if folder else path.parent
+    while not ancestor.exists() and ancestor != ancestor.parent:
+        ancestor = ancestor.parent
+    if not ancestor.is_dir():
+        raise ArgumentError(f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory")
+
+
 def follow_links(path: str | Path) -> Path:
     """What a path to be written leads to, without symbolic links.
 

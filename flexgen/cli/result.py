@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import flexgen
-from flexgen.atomic_files import follow_links
+from flexgen.atomic_files import check_writable
 from flexgen.errors import ArgumentError
 from flexgen.verb_parameters import defaults_of
 
@@ -73,26 +73,6 @@ def derive_model(args: Namespace, log: Progress | None = None) -> Equations:
     if log is not None:
         log(f"deriving {robot.title}")
     return derive(robot)
-
-
-def check_writable(path: Path | None, *, folder: bool = False) -> None:
-    """Check that an output path can be written, before a long computation starts.
-
-    Raises
-    ------
-    ArgumentError
-        It is a directory but a file is expected, or the reverse.
-    """
-    if path is None:
-        return
-    follow_links(path)
-    if not folder and path.is_dir():
-        raise ArgumentError(f"output: given {str(path)!r}, which is a directory, expected a file name")
-    ancestor = path if folder else path.parent
-    while not ancestor.exists() and ancestor != ancestor.parent:
-        ancestor = ancestor.parent
-    if not ancestor.is_dir():
-        raise ArgumentError(f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory")
 
 
 def check_outputs(args: Namespace) -> None:
@@ -171,5 +151,5 @@ def check_report(directory: Path | None) -> None:
     """Refuse a folder of a report that cannot be written, or that has the page of another program."""
     from flexgen.reports.folder import check_folder
 
-    check_writable(directory, folder=True)
     check_folder(directory)
+    check_writable(directory, folder=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from flexgen.atomic_files import write_text
-from flexgen.cli.result import Progress, VerbResult, check_writable
+from flexgen.atomic_files import check_writable, write_text
+from flexgen.cli.result import Progress, VerbResult
 from flexgen.errors import ArgumentError
 
 

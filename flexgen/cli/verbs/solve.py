@@ -6,21 +6,12 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.result import (
-    Progress,
-    VerbResult,
-    alone,
-    check_report,
-    check_writable,
-    derive_model,
-    keywords,
-    with_files,
-)
+from flexgen.atomic_files import check_writable
+from flexgen.cli.result import Progress, VerbResult, alone, check_report, derive_model, keywords, with_files
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 
 if TYPE_CHECKING:
-    from flexgen.inversion.bounds import Limits
     from flexgen.inversion.solution import Solution
     from flexgen.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
@@ -37,31 +28,28 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
         )
     if not args.verify:
         alone(args, "--no-verify", "accuracy", "robustness")
-    several = len(args.move or ()) > 1
-    outputs = [(_insert_name(args.out, name), _below(args.report, name)) for name in args.move] if several else []
-    for out, report in outputs or [(args.out, args.report)]:
+    outputs = [(args.out, args.report)]
+    if len(args.move or ()) > 1:
+        outputs = [(_insert_name(args.out, name), _below(args.report, name)) for name in args.move]
+    for out, report in outputs:
+        check_report(report)
         check_writable(out)
         if _sends(args):
             check_writable(_insert_name(out, COMMAND))
-        check_report(report)
     equations = derive_model(args, log)
-    limits = None
-    if args.limits:
-        from flexgen.inversion.bounds import Limits
-
-        limits = Limits.from_model(equations.model)
     from flexgen.model.task_files import find_move_in
 
     moves = [find_move_in(args.moves, name, equations.model) for name in args.move or [None]]
     _announce(args, equations.model, log)
-    if not several:
-        return _solve_one(args, equations, moves[0], limits, (args.out, args.report), log)
     found = []
     for k, (move, paths) in enumerate(zip(moves, outputs, strict=True), 1):
-        log(f"move {move.name} ({k} of {len(moves)})")
-        found.append(_solve_one(args, equations, move, limits, paths, log))
+        if len(moves) > 1:
+            log(f"move {move.name} ({k} of {len(moves)})")
+        found.append(_solve_one(args, equations, move, paths, log))
         if found[-1].interrupted:
             break
+    if len(moves) == 1:
+        return found[0]
     return VerbResult(
         {"model": equations.model.name, "solutions": [result.data for result in found]},
         "\n\n".join(result.text for result in found),
@@ -100,17 +88,18 @@ def _solve_one(
     args: Namespace,
     equations: Equations,
     move: Any,
-    limits: Limits | None,
     outputs: tuple[Path | None, Path | None],
     log: Progress,
 ) -> VerbResult:
     """Solve one move; write trajectory and report to the two paths, where given."""
+    from flexgen.inversion.bounds import Limits
     from flexgen.inversion.problem_text import problem_of
     from flexgen.inversion.solve import solve as solve_move
     from flexgen.reports.texts import solution_details
 
     out, report = outputs
     given = keywords(args, "move", "limits", "ignore_limits", "fastest")
+    limits = Limits.from_model(equations.model) if args.limits else None
     if args.fastest:
         from flexgen.performance.minimum_time import fastest
 
