@@ -4,9 +4,10 @@
 
 The quick tests run once in a copy whose functions report which test calls them. The tests of a mutant are those that
 call its function, one case of each test function before the others, those in files that name its module or its room
-first, then the shortest first; of a line outside functions, the files that name it. Numbers in texts and arguments that
-change no result are left out. A mutant survives where all of them pass, or where there is none. The source is
-changed in copies only.
+first, then the shortest first. Of a line outside functions: those that call functions which use its names, and the
+files that name its module. Of it and of defaults in signatures: those that compare names, helps and defaults with files
+and pages, too. Numbers in texts and arguments that change no result are left out. A mutant survives where all of them
+pass, or where there is none. The source is changed in copies only.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!="
 COMPARED |= {ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in"}
 COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.MatMult: "*", ast.Pow: "*"}
 QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
+STATED = ["tests/golden/test_public_face.py", "tests/unit/test_stated_defaults.py"]  # they call few functions
 SILENT = {"strict", "frozen", "repr", "slots", "eq"}  # arguments that change no result
 MOST_TESTS, MOST_FILES, TIMEOUT_S = 40, 6, 240
 HITS = """import os
@@ -123,28 +125,54 @@ def drawn(count: int, seed: int) -> list[Mutant]:
     return list(islice((mutant for mutant in found if _compiles(mutant.text)), count))
 
 
+def functions_of(file: Path) -> list[ast.FunctionDef]:
+    """All functions of a file."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+
+
 def function_of(mutant: Mutant) -> ast.FunctionDef | None:
-    """The innermost function around a mutant; None for a line outside functions, defaults and decorators."""
-    inside = [
-        node
-        for node in ast.walk(ast.parse(mutant.file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.FunctionDef) and node.body[0].lineno <= mutant.line <= (node.end_lineno or 0)
-    ]
+    """The innermost function around a mutant, its signature included; None for a line outside functions."""
+    inside = [x for x in functions_of(mutant.file) if x.lineno <= mutant.line <= (x.end_lineno or 0)]
     return max(inside, key=lambda node: node.lineno, default=None)
+
+
+def users_of(mutant: Mutant) -> list[tuple[Path, ast.FunctionDef]]:
+    """Functions that a mutant changes: the one around it, or those that use the names which its statement assigns."""
+    function = function_of(mutant)
+    if function is not None:
+        return [(mutant.file, function)]
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(mutant.file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= mutant.line <= (node.end_lineno or 0):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names |= {x.id for target in targets for x in ast.walk(target) if isinstance(x, ast.Name)}
+    module = ".".join(mutant.file.relative_to(ROOT).with_suffix("").parts)
+    return [
+        (file, function)
+        for file in sorted((ROOT / "flexgen").rglob("*.py"))
+        if file == mutant.file or module in file.read_text(encoding="utf-8")
+        for function in functions_of(file)
+        for parts in [[function.args, *function.body]]
+        if any(getattr(x, "id", getattr(x, "attr", None)) in names for part in parts for x in ast.walk(part))
+    ]
 
 
 def report_calls(mutants: list[Mutant], copy: Path) -> None:
     """Make the functions of the mutants in the copy report their calls."""
     added: dict[Path, dict[int, str]] = {}
     for number, mutant in enumerate(mutants):
-        function = function_of(mutant)
-        if function is not None:
+        for file, function in users_of(mutant):
             first = function.body[0]
             described = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and len(function.body) > 1
             first = function.body[1] if described else first
-            line = f"{' ' * first.col_offset}__import__('mutant_hits').hit({number})\n"
-            lines = added.setdefault(mutant.file, {})
-            lines[first.lineno] = lines.get(first.lineno, "") + line
+            text = file.read_text(encoding="utf-8").splitlines()[first.lineno - 1]
+            if not text.encode()[: first.col_offset].strip():  # not on the line of its signature
+                decorators = getattr(first, "decorator_list", [])
+                place = decorators[0].lineno if decorators else first.lineno
+                line = f"{' ' * first.col_offset}__import__('mutant_hits').hit({number})\n"
+                lines = added.setdefault(file, {})
+                lines[place] = lines.get(place, "") + line
     for file, lines in added.items():
         text = file.read_text(encoding="utf-8").splitlines(keepends=True)
         new = "".join(lines.get(number, "") + line for number, line in enumerate(text, 1))
@@ -177,8 +205,8 @@ def calls_of(mutants: list[Mutant], copy: Path, workers: int) -> Calls:
     for case in ElementTree.parse(times).iter("testcase"):
         path = case.get("classname", "").replace(".", "/")
         seconds[f"{path}.py::{case.get('name')}"] = float(case.get("time", 0.0))
-    for mutant in mutants:
-        shutil.copy(mutant.file, copy / mutant.file.relative_to(ROOT))
+    for file in {file for mutant in mutants for file, _ in users_of(mutant)}:
+        shutil.copy(file, copy / file.relative_to(ROOT))
     return Calls(found, seconds)
 
 
@@ -188,11 +216,14 @@ def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
     room = ".".join(module.split(".")[:2])
     texts = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py"))}
     far = {path.relative_to(ROOT).as_posix(): (module not in text, room not in text) for path, text in texts.items()}
-    if function_of(mutant) is None:
-        return sorted((name for name, (_, other) in far.items() if not other), key=lambda name: far[name])[:MOST_FILES]
     called = sorted(calls.tests.get(number, set()), key=lambda test: calls.seconds.get(test, 1.0))
     first = set({test.partition("[")[0]: test for test in reversed(called)}.values())  # the shortest of each function
-    return sorted(called, key=lambda test: (test not in first, far[test.partition("::")[0]]))[:MOST_TESTS]
+    called = sorted(called, key=lambda test: (test not in first, far[test.partition("::")[0]]))[:MOST_TESTS]
+    function = function_of(mutant)
+    if function is not None:
+        return called + STATED * (mutant.line < function.body[0].lineno)
+    near = sorted((name for name, (_, other) in far.items() if not other), key=lambda name: far[name])[:MOST_FILES]
+    return called + STATED + near
 
 
 def survives(mutant: Mutant, tests: list[str], copy: Path) -> bool:
