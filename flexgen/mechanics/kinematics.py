@@ -1,4 +1,4 @@
-"""Kinematics of the chain as CasADi graphs: frames, velocities, and the energies of the bodies.
+"""Kinematics of a chain or a tree as CasADi graphs: frames, velocities, and the energies of the bodies.
 
 Velocities are carried along in the moving frames, which keeps the graphs small:
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame F of the chain: ``p`` (3) and ``R`` (3x3) in the world; ``w``, ``v`` (3) of F in its own axes."""
+    """A frame F: ``p`` (3) and ``R`` (3x3) in the world; ``w``, ``v`` (3) of F in its own axes."""
 
     p: ca.SX
     R: ca.SX
@@ -35,13 +35,13 @@ class Frame:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Chain kinematics and the energies that follow from it.
+    """Kinematics of all elements and the energies that follow from it.
 
     ``q_a``, ``v_a`` (n_a): the symbols. ``tool``: the tool frame. ``kinetic``: kinetic energy of the bodies and beams
     [J], without the rotors. ``gravity``: their potential energy [J]. ``drag``: half the power that body drags dissipate
     [W]. ``spin``: angular velocity (3) of each element's body in its own axes, for the rotors that it carries.
     ``modal``: the integrals of each beam with the index of its first coordinate in q_a. ``points``: positions in the
-    world of the corner points of the chain, for drawing. ``frames``: the frame of each element's body.
+    world of the `corners`, for drawing. ``frames``: the frame of each element's body.
     """
 
     q_a: ca.SX
@@ -155,6 +155,28 @@ def _slide(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
     return Frame(frame.p + ca.mtimes(frame.R, a) * q, frame.R, frame.w, frame.v + ca.cross(frame.w, a * q) + a * v)
 
 
+def corners(model: RobotModel) -> list[tuple[str, int]]:
+    """The corner points of a robot as one line: pairs of element and point, a line that ends at the tool.
+
+    Points of an element: 0 its origin, 1 its joints, 2 its body frame, 3 the tip of its beam; ``("base", 0)``, and
+    ``("", 0)`` the tool. From the end of a branch the line goes back to where the next one begins.
+    """
+    trails = {"base": [("base", 0)]}
+    line, here = [("base", 0)], trails["base"]
+
+    def walk(parent: str, own: list[tuple[str, int]]) -> list[tuple[str, int]]:
+        there = trails[parent]
+        shared = sum(a == b for a, b in zip(here, there, strict=False))
+        line.extend([*here[max(shared - 1, 0) : -1][::-1], *there[shared:], *own])
+        return [*there, *own]
+
+    for element in model.elements:
+        own = [(element.name, k) for k in range(3 if element.beam is None else 4)]
+        here = trails[element.name] = walk(model.parents[element.name], own)
+    walk(model.tip, [("", 0)])
+    return line
+
+
 def kinematics(model: RobotModel) -> Kinematics:
     """Build the `Kinematics` of a model from its data."""
     from flexgen.mechanics.beam import modal_beam
@@ -162,21 +184,22 @@ def kinematics(model: RobotModel) -> Kinematics:
     q_a, v_a = ca.SX.sym("q_a", model.n_a), ca.SX.sym("v_a", model.n_a)
     gravity = ca.SX(ca.DM(model.gravity))
     frame = place(Frame(ca.SX.zeros(3), ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3)), model.base)
+    tips = {"base": frame}
     kinetic = potential = drag = ca.SX(0)
     spin, frames = {"base": ca.SX.zeros(3)}, {}
     modal: list[tuple[int, ModalBeam]] = []
-    points = [frame.p]
+    points = {("base", 0): frame.p}
     i = 0
     for element in model.elements:
-        frame = place(frame, element.origin)
-        points.append(frame.p)
+        frame = place(tips[model.parents[element.name]], element.origin)
+        points[element.name, 0] = frame.p
         for dof in element.dofs:
             step = _turn if dof.type == "rotation" else _slide
             frame = step(frame, np.array(dof.axis), q_a[i], v_a[i])
             i += 1
-        points.append(frame.p)
+        points[element.name, 1] = frame.p
         frame = place(frame, element.link)
-        points.append(frame.p)
+        points[element.name, 2] = frame.p
         spin[element.name], frames[element.name] = frame.w, frame
         terms = body_energies(frame, element.body, gravity)
         kinetic, potential, drag = kinetic + terms[0], potential + terms[1], drag + terms[2]
@@ -188,11 +211,12 @@ def kinematics(model: RobotModel) -> Kinematics:
             kinetic, potential = kinetic + energies[0], potential + energies[1]
             modal.append((i, beam))
             frame = beam_tip(frame, element, beam, q, v)
-            points.append(frame.p)
+            points[element.name, 3] = frame.p
             i += n
-    terms = body_energies(frame, model.payload, gravity)
-    tool = place(frame, model.tool)
-    points.append(tool.p)
+        tips[element.name] = frame
+    terms = body_energies(tips[model.tip], model.payload, gravity)
+    tool = place(tips[model.tip], model.tool)
+    points["", 0] = tool.p
     return Kinematics(
         q_a=q_a,
         v_a=v_a,
@@ -202,6 +226,6 @@ def kinematics(model: RobotModel) -> Kinematics:
         drag=drag + terms[2],
         spin=spin,
         modal=tuple(modal),
-        points=tuple(points),
+        points=tuple(points[corner] for corner in corners(model)),
         frames=frames,
     )

@@ -1,7 +1,7 @@
 """Data classes of a robot description: frozen data, with properties that count and look up.
 
-Notation (S. Moberg, Modeling and Control of Flexible Manipulators, Linkoeping 2010): arm coordinates ``q_a`` in chain
-order consist of actuated ones ``q_g`` (a gear between them and a motor) and non-actuated ones ``q_e`` (spring-damper
+Notation (S. Moberg, Modeling and Control of Flexible Manipulators, Linkoeping 2010): arm coordinates ``q_a`` in the
+order of the elements consist of actuated ones ``q_g`` (a gear between them and a motor) and non-actuated ones ``q_e`` (spring-damper
 only); motor coordinates ``q_m`` are on the motor side of the gears.
 """
 
@@ -37,6 +37,13 @@ class Placement:
 
     position: Vector = ZERO
     rotation: Matrix = IDENTITY
+
+
+@dataclass(frozen=True)
+class Tool(Placement):
+    """A tool frame: its pose from the tip of an element, the last one where ``element`` is empty."""
+
+    element: str = ""
 
 
 @dataclass(frozen=True)
@@ -173,10 +180,11 @@ class Beam:
 
 @dataclass(frozen=True)
 class Element:
-    """A link of the chain: placement, degrees of freedom in order, body frame, body, and optionally a beam.
+    """A link: placement, degrees of freedom in order, body frame, body, and optionally a beam.
 
-    Frames: previous tip -> ``origin`` (constant) -> degrees of freedom -> ``link`` (constant) -> body -> beam tip.
-    The next element, or the tool, is attached to the body frame, or to the tip of the beam if there is one.
+    Frames: tip of the parent -> ``origin`` (constant) -> degrees of freedom -> ``link`` (constant) -> body -> beam tip.
+    Children, and the tool, are attached to the body frame, or to the tip of the beam if there is one. ``parent``: an
+    earlier element, ``"base"``, or None for the element before; several elements with one parent make a tree.
     """
 
     name: str
@@ -185,6 +193,7 @@ class Element:
     link: Placement = Placement()
     body: Body = Body()
     beam: Beam | None = None
+    parent: str | None = None
 
 
 @dataclass(frozen=True)
@@ -246,7 +255,7 @@ class Coordinate:
 
 
 def coordinates_of(elements: Sequence[Element]) -> tuple[Coordinate, ...]:
-    """The arm coordinates of a chain, in its order."""
+    """The arm coordinates of some elements, in their order."""
     out: list[Coordinate] = []
     for element in elements:
         for dof in element.dofs:
@@ -324,6 +333,28 @@ class RobotModel:
         ]
         return table_html(self.title, rows)
 
+    @cached_property
+    def parents(self) -> dict[str, str]:
+        """The parent of each element, by name: another element, or ``"base"``."""
+        before = "base"
+        out: dict[str, str] = {}
+        for element in self.elements:
+            out[element.name] = element.parent or before
+            before = element.name
+        return out
+
+    @property
+    def tip(self) -> str:
+        """Name of the element that carries the tool and the payload."""
+        named = self.tool.element if isinstance(self.tool, Tool) else ""
+        return named or self.elements[-1].name
+
+    @property
+    def branched(self) -> bool:
+        """Whether the elements are a tree, not a chain that ends at the tool."""
+        chain = ["base", *(element.name for element in self.elements)]
+        return [*self.parents.values(), self.tip] != chain
+
     @property
     def frictions(self) -> list[Friction]:
         """Friction of the coordinates, then of the motors."""
@@ -342,7 +373,7 @@ class RobotModel:
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """The arm coordinates q_a in chain order."""
+        """The arm coordinates q_a in the order of the elements."""
         return coordinates_of(self.elements)
 
     @cached_property

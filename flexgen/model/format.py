@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flexgen.model import format_robot as robot
-from flexgen.model.elements import Body, Placement
+from flexgen.model.elements import Body, Placement, Tool
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
@@ -34,16 +34,16 @@ from flexgen.spec.tables import IDENTIFIER, Table
 # --- the file ---------------------------------------------------------------------------------------------------------
 
 
-_FLANGE = "pose of the tool frame, from the tip of the last element"
+_FLANGE = "pose of the tool frame, from the tip of the element that carries it"
 _COMPLETE = "complete: rotors also turn with the bodies that carry them"
-_LOAD = "load, in the frame of the tip of the last element; com: by default at the tool"
+_LOAD = "load, in the frame of the tip of the element that carries the tool; com: by default at the tool"
 _SENSORS = "sensors in addition to the motor encoders"
 MODEL = Format(
     "robot model of flexgen",  # keys in the order of reading
     (
-        Key("tool", sub(robot.PLACEMENT), _FLANGE, default=Placement()),
         Key("motor_coupling", choice("simplified", "complete"), _COMPLETE, default="simplified"),
-        Key("element", listed(robot.ELEMENT), "the chain, from the base to the tool", check=robot.check_size),
+        Key("element", listed(robot.ELEMENT), "the links, parents before their children", check=robot.check_size),
+        Key("tool", sub(robot.TOOL), _FLANGE, default=Tool()),
         Key("name", name(problem_of=c_name_problem), "name of the robot, the prefix of every C symbol"),
         Key("description", text(), "one line", default=""),
         Key("source", text(), "where the numbers come from", default=""),

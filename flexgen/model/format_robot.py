@@ -30,6 +30,7 @@ from flexgen.model.elements import (
     PiecewiseSpring,
     Placement,
     SmoothSpring,
+    Tool,
     Vector,
 )
 from flexgen.registry import added_names
@@ -43,6 +44,7 @@ from flexgen.spec.keys import (
     choice,
     direction,
     flag,
+    known,
     listed,
     name,
     number,
@@ -126,6 +128,18 @@ PLACEMENT = Format(
     ),
     make=_placement,
     definition="placement",
+)
+
+
+def _tool(position: Vector, rotation: Matrix, rpy: Matrix | None, element: str) -> Tool:
+    return Tool(position, rotation if rpy is None else rpy, element)
+
+
+_CARRIER = "the element that carries tool and payload; default: the last one"
+TOOL = Format(
+    "tool frame, from the tip of the element that carries it",
+    (*PLACEMENT.keys, Key("element", known(lambda here: [*here.names["element"]]), _CARRIER, default="")),
+    make=_tool,
 )
 
 
@@ -414,17 +428,26 @@ BEAM = Format(
 )
 
 
+_BASE = "base"
+
+
 def _check_name(table: Table, here: Context) -> None:
-    if here.values["name"] == "base":
+    if here.values["name"] == _BASE:
         raise table.fail("name", "another name (base is the ground)")
 
 
+def _parents(here: Context) -> list[str]:
+    """The base and the elements before this one."""
+    return [_BASE, *list(here.names["element"])[:-1]]
+
+
 ELEMENT = Format(
-    "a link of the chain, from the base to the tool",
+    "a link; parents before their children",
     (
         Key("name", name("element"), "name of the element", check=_check_name),
+        Key("parent", known(_parents), f'element that carries it, or "{_BASE}"; default: the one before', default=None),
         Key("dof", listed(DOF, least=0), "degrees of freedom, in their order", default=()),
-        Key("origin", sub(PLACEMENT), "from the tip of the previous element", default=Placement()),
+        Key("origin", sub(PLACEMENT), "from the tip of the parent", default=Placement()),
         Key("link", sub(PLACEMENT), "from the last degree of freedom to the body frame", default=Placement()),
         Key("body", sub(BODY), "rigid body, in the body frame", default=Body()),
         Key("beam", sub(BEAM), BEAM.doc, default=None),

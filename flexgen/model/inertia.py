@@ -58,7 +58,7 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
     array (n_a, n_a) [kg m^2, kg m or kg]
     """
     R, p = np.array(model.base.rotation), np.array(model.base.position)
-    columns: list[tuple[bool, np.ndarray, np.ndarray]] = []  # of the Jacobian: rotary, axis, point
+    columns: dict[int, tuple[bool, np.ndarray, np.ndarray]] = {}  # of the Jacobian: rotary, axis, point
     M = np.zeros((model.n_a, model.n_a))
 
     def add_body(body: Body) -> None:
@@ -66,7 +66,7 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
             return
         com, inertia = p + R @ np.array(body.com), R @ np.array(body.inertia) @ R.T
         speed, spin = np.zeros((2, 3, model.n_a))
-        for i, (rotary, axis, point) in enumerate(columns):
+        for i, (rotary, axis, point) in columns.items():
             speed[:, i] = np.cross(axis, com - point) if rotary else axis
             spin[:, i] = axis if rotary else 0.0
         M[:] += body.mass * speed.T @ speed + spin.T @ inertia @ spin
@@ -75,11 +75,14 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
         nonlocal R, p
         p, R = p + R @ np.array(placement.position), R @ np.array(placement.rotation)
 
+    tips, i = {"base": (R, p, columns)}, 0
     for element in model.elements:
+        R, p, columns = tips[model.parents[element.name]]
+        columns = dict(columns)
         advance(element.origin)
         for dof in element.dofs:
-            axis, value = np.array(dof.axis), q_a[len(columns)]
-            columns.append((dof.type == "rotation", R @ axis, p))
+            axis, value = np.array(dof.axis), q_a[i]
+            columns[i], i = (dof.type == "rotation", R @ axis, p), i + 1
             if dof.type == "rotation":
                 x, y, z = axis
                 cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -88,6 +91,8 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
                 p = p + value * (R @ axis)
         advance(element.link)
         add_body(element.body)
+        tips[element.name] = R, p, columns
+    R, p, columns = tips[model.tip]
     add_body(model.payload)
     eta = np.zeros((model.n_m, model.n_a))
     eta[:, list(model.i_g)] = model.eta

@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.markers import CARETUP
 
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.kinematics import corners
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.plots.canvas import BLUE, GREEN, INK, ORANGE, RED
@@ -123,16 +124,9 @@ def _chain(ax: Any, model: RobotModel, positions: np.ndarray, shade: str, order:
 
 def chain_parts(model: RobotModel) -> tuple[list[tuple[int, str]], list[int]]:
     """Points of the chain with joints, each with its kind, and first points of the segments that are beams."""
-    joints: list[tuple[int, str]] = []
-    beams: list[int] = []
-    k = 1
-    for element in model.elements:
-        if element.beam is not None:
-            beams.append(k + 2)
-            k += 1
-        joints += [(k - (element.beam is not None), kind) for kind in _kinds_of(element.dofs)]
-        k += 3
-    return joints, beams
+    line = corners(model)
+    joints = [(line.index((e.name, 0)), kind) for e in model.elements for kind in _kinds_of(e.dofs)]
+    return joints, [line.index((element.name, 2)) for element in model.elements if element.beam is not None]
 
 
 def joint_style(kind: str) -> dict[str, Any]:

@@ -63,8 +63,9 @@ class Arm:
         own = inertia_of(Body(inertia=body.inertia)).moved((rotation, np.zeros(3))).second.tolist()
         second = [[x + y * z for x, z in zip(row, com, strict=True)] for row, y in zip(own, first, strict=True)]
         load = Inertia(mass, np.array(first, dtype=object), np.array(second, dtype=object))
-        last = plan.chain.joints[-1]
-        return replace(plan.chain, joints=(*plan.chain.joints[:-1], replace(last, inertia=last.inertia + load)))
+        joints, k = list(plan.chain.joints), plan.chain.carrier
+        joints[k] = replace(joints[k], inertia=joints[k].inertia + load)
+        return replace(plan.chain, joints=tuple(joints))
 
     @property
     def loaded(self) -> bool:

@@ -46,7 +46,9 @@ class Articulated:
     H: Matrix
     M: Matrix
 
-    def __add__(self, body: Inertia) -> Articulated:
+    def __add__(self, body: Inertia | Articulated) -> Articulated:
+        if isinstance(body, Articulated):
+            return Articulated(*(add_matrices(*pair) for pair in ((self.J, body.J), (self.H, body.H), (self.M, body.M))))
         m, (x, y, z), S = body.mass, body.first.tolist(), body.second.tolist()
         tensor = [[-x for x in row] for row in S]
         for i in (X, Y, Z):
@@ -185,21 +187,22 @@ def _to_the_base(
     joined: Sequence[bool],
 ) -> list[_Yield]:
     """Articulated inertias and forces, body by body from the tool to the base."""
-    body = Articulated(_zero(), _zero(), _zero())
-    force: Vector3 = [0.0] * 3
-    moment: Vector3 = [0.0] * 3
+    n = len(chain.joints)
+    still: Vector3 = [0.0] * 3
+    behind = [(Articulated(_zero(), _zero(), _zero()), still, still)] * n
     yields: list[_Yield] = []
     run: list[Turn] = []  # joints of a run that were passed: forces are still in the axes of the last one
-    for i in reversed(range(len(chain.joints))):
+    for i in reversed(range(n)):
         joint, turn = chain.joints[i], turns[i]
+        body, force, moment = behind[i]
         body = body + joint.inertia
         force, moment = plus(loads[i][0], force), plus(loads[i][1], moment)
         about, linear = (body.J[Z], body.H[Z]) if joint.revolute else ([row[Z] for row in body.H], body.M[Z])
         resists, held = (about[Z], moment[Z]) if joint.revolute else (linear[Z], force[Z])
         ease = tape.inverse(resists + armature[i])
         yields.insert(0, _Yield(joint.revolute, about, linear, ease, tau[i] - held, armature[i]))
-        if i == 0:
-            break
+        if joint.before < 0:
+            continue
         force, moment = yields[0].pass_on(force, moment, tau[i])
         body = yields[0].reduce(body)
         if len(run) == 2:
@@ -218,6 +221,8 @@ def _to_the_base(
             run = []
             body, force = Articulated(*(rotate_back(turn, A) for A in (body.J, body.H, body.M))), turn.back(force)
             body, moment = body.shifted(joint.place.tolist()), plus(moment, cross(joint.place.tolist(), force))
+        other, on, about = behind[joint.before]
+        behind[joint.before] = body + other, plus(force, on), plus(moment, about)
     return yields
 
 
@@ -226,9 +231,10 @@ def _to_the_tool(
 ) -> list[Scalar]:
     """Accelerations of the joints, body by body from the base to the tool."""
     dv: list[Scalar] = []
-    dw: Vector3 = [0.0] * 3
-    a: Vector3 = [0.0] * 3
+    still: Vector3 = [0.0] * 3
+    moved: list[tuple[Vector3, Vector3]] = []
     for i, (joint, turn, gives) in enumerate(zip(chain.joints, turns, yields, strict=True)):
+        dw, a = moved[joint.before] if joint.before >= 0 else (still, still)
         if not joined[i]:
             a = turn.into(plus(a, cross(dw, joint.place.tolist())))
             for k in range(i + 1, len(chain.joints)):
@@ -243,6 +249,7 @@ def _to_the_tool(
             dw = [dw[X], dw[Y], dw[Z] + dv[i]]
         else:
             a = [a[X], a[Y], a[Z] + dv[i]]
+        moved.append((dw, a))
     return dv
 
 
@@ -250,7 +257,10 @@ def _find_joints_on_one_point(chain: Chain, armature: Sequence[float]) -> list[b
     """For each joint whether it belongs to the one before: three on one point, the first two without a body."""
     n = len(chain.joints)
     out = [False] * n
+    carried = [sum(joint.before == i for joint in chain.joints) for i in range(n)]
     for i in reversed(range(2, n)):
+        if [chain.joints[k].before for k in (i - 1, i)] != [i - 2, i - 1] or carried[i - 2 : i] != [1, 1]:
+            continue
         three = chain.joints[i - 2 : i + 1]
         bodies = [joint.inertia for joint in three[:2]]
         empty = not any(own.mass or own.first.any() or own.second.any() for own in bodies)

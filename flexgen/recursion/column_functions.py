@@ -43,6 +43,7 @@ def long_chain(equations: Equations) -> Chain | None:
     """
     if (
         equations.model.n_a < LONG_CHAIN
+        or equations.model.branched
         or arm_of(equations).loaded
         or fast_function(equations, "inverse_dynamics") is None
     ):

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexgen.recursion.dh_chain import Chain, Inertia
-from flexgen.recursion.newton_euler import Turn, Vector3, Wrench, X, Y, Z, apply_twist, cross, plus, turn_by, turn_of
+from flexgen.recursion.dh_chain import Chain, Inertia, Joint
+from flexgen.recursion.newton_euler import Turn, Vector3, Wrench, X, Y, Z, cross, plus, tilt, turn_by, turn_of
 from flexgen.recursion.tape import Scalar, Tape, Value
 
 Matrix = list[list[Scalar]]
@@ -26,10 +26,12 @@ class Composite:
     first: Vector3
     second: Matrix
 
-    def __add__(self, other: Inertia) -> Composite:
-        first = plus(self.first, other.first.tolist())
-        second = [plus(row, own) for row, own in zip(self.second, other.second.tolist(), strict=True)]
-        return Composite(self.mass + other.mass, first, second)
+    def __add__(self, other: Inertia | Composite) -> Composite:
+        if isinstance(other, Inertia):
+            other = Composite(other.mass, other.first.tolist(), other.second.tolist())
+        return Composite(
+            self.mass + other.mass, plus(self.first, other.first), add_matrices(self.second, other.second)
+        )
 
     def shifted(self, p: Sequence[Scalar]) -> Composite:
         """The same body about a point relative to which its origin is at p."""
@@ -82,7 +84,12 @@ def combine_axes(axes: Matrix, v: Sequence[Scalar]) -> Vector3:
 
 def rotate_back(turn: Turn, A: Matrix) -> Matrix:
     """A matrix of the frame of a joint in the axes of the frame before."""
-    return rotate_in_plane(rotate_in_plane(A, X, Y, turn.cosine, turn.sine), Y, Z, *turn.twist)
+    return _tilt_matrix(turn, rotate_in_plane(A, X, Y, turn.cosine, turn.sine))
+
+
+def _tilt_matrix(by: Joint | Turn, A: Matrix) -> Matrix:
+    """``Rz(lead) Rx(twist) A Rx(twist)' Rz(lead)'``."""
+    return rotate_in_plane(rotate_in_plane(A, Y, Z, *by.twist), X, Y, *by.lead)
 
 
 def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = True) -> Matrix:
@@ -108,12 +115,12 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
     n = len(chain.joints)
     steps = _steps(tape, chain, q, together)
     M: Matrix = [[0.0] * n for _ in range(n)]
-    body = EMPTY
+    together_behind, apart_behind = [EMPTY] * n, [EMPTY] * n  # bodies of children that share axes, and of others
     for j in reversed(range(n)):
-        own = chain.joints[j].inertia
+        joint, own = chain.joints[j], apart_behind[j] + chain.joints[j].inertia
         # the moment about the axis is invariant under the rotation
-        about = (body + own).second
-        body = steps[j].with_own(body, own)
+        about = (together_behind[j] + own).second
+        body = together_behind[j] + steps[j].in_shared_axes(own)
         h, S = body.first, body.second
         if chain.joints[j].revolute:
             M[j][j] = about[X][X] + about[Y][Y]
@@ -121,10 +128,16 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
         else:
             M[j][j] = body.mass
             force, moment = [0.0, 0.0, body.mass], [h[Y], -h[X], 0.0]
-        for i in reversed(range(j)):
-            force, moment = steps[i].wrench_in_shared_axes(*steps[i + 1].transfer_back(force, moment))
+        last = steps[j]
+        for i in chain.ancestors(j):
+            force, moment = last.transfer_back(force, moment)
+            if last.tilt is not None:
+                force, moment = steps[i].turned(force), steps[i].turned(moment)
             M[i][j] = M[j][i] = moment[Z] if chain.joints[i].revolute else force[Z]
-        body = steps[j].body_left(body)
+            last = steps[i]
+        if joint.before >= 0:
+            behind = together_behind if steps[j].tilt is None else apart_behind
+            behind[joint.before] = steps[j].body_left(body) + behind[joint.before]
     return M
 
 
@@ -133,53 +146,43 @@ class _Step:
     """A joint in a frame that rotates neither with it nor with the neighbors before it whose axes are parallel.
 
     ``turn``: from those axes to the joint's own. ``way``: from the joint before, in the shared axes, or in that one's
-    own axes where nothing is shared; there the twist follows. ``slide``: along z. ``last``: no later joint uses these
-    axes.
+    own axes where nothing is shared; there the joint's ``tilt`` follows, lead and twist. ``slide``: along z.
     """
 
     turn: tuple[Scalar, Scalar]
     way: Vector3
     slide: Scalar
-    twist: tuple[float, float] | None
-    last: bool
+    tilt: Joint | None
 
-    def with_own(self, beyond: Composite, own: Inertia) -> Composite:
-        """The joint's body and all behind it in shared axes; ``beyond`` is in the joint's axes if it is the last."""
-        if self.last:
-            whole = beyond + own
-            return Composite(whole.mass, self._back(whole.first), rotate_in_plane(whole.second, X, Y, *self.turn))
-        second = rotate_in_plane(own.second.tolist(), X, Y, *self.turn)
-        first = plus(beyond.first, self._back(own.first.tolist()))
-        return Composite(beyond.mass + own.mass, first, add_matrices(beyond.second, second))
+    def in_shared_axes(self, own: Composite) -> Composite:
+        """A body in the joint's axes, in shared axes."""
+        return Composite(own.mass, self.turned(own.first), rotate_in_plane(own.second, X, Y, *self.turn))
 
     def body_left(self, body: Composite) -> Composite:
         """A body in the axes of the joint before: shared ones, or its own."""
-        if self.twist is None:
+        if self.tilt is None:
             return body.shifted(plus(self.way, [0.0, 0.0, self.slide]))
         body = body.shifted([0.0, 0.0, self.slide])
-        first = apply_twist(self.twist, body.first)
-        return Composite(body.mass, first, rotate_in_plane(body.second, Y, Z, *self.twist)).shifted(self.way)
+        return Composite(body.mass, tilt(self.tilt, body.first), _tilt_matrix(self.tilt, body.second)).shifted(self.way)
 
     def transfer_back(self, force: Vector3, moment: Vector3) -> Wrench:
         """A wrench in the axes of the joint before, about its origin."""
-        if self.twist is None:
+        if self.tilt is None:
             return force, plus(moment, cross(plus(self.way, [0.0, 0.0, self.slide]), force))
         moment = plus(moment, cross([0.0, 0.0, self.slide], force))
-        force = apply_twist(self.twist, force)
-        return force, plus(apply_twist(self.twist, moment), cross(self.way, force))
+        force = tilt(self.tilt, force)
+        return force, plus(tilt(self.tilt, moment), cross(self.way, force))
 
-    def wrench_in_shared_axes(self, force: Vector3, moment: Vector3) -> Wrench:
-        """A wrench of a later joint, in the shared axes."""
-        return (self._back(force), self._back(moment)) if self.last else (force, moment)
-
-    def _back(self, v: Vector3) -> Vector3:
+    def turned(self, v: Vector3) -> Vector3:
+        """A vector of the joint's axes, in shared axes."""
         c, s = self.turn
         return [c * v[X] - s * v[Y], s * v[X] + c * v[Y], v[Z]]
 
 
 def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> list[_Step]:
     """The joints of a chain in axes that neighbors with parallel axes share, or each in its own axes."""
-    shared = [together and i > 0 and joint.twist == (1.0, 0.0) for i, joint in enumerate(chain.joints)]
+    parallel = [joint.twist == (1.0, 0.0) and joint.before == i - 1 for i, joint in enumerate(chain.joints)]
+    shared = [together and i > 0 and along for i, along in enumerate(parallel)]
     out: list[_Step] = []
     angle: Scalar = 0.0
     quarters = 0
@@ -192,19 +195,21 @@ def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> lis
             angle, quarters = 0.0, 0
         angle = angle + (x + joint.turn if joint.revolute else joint.turn)
         quarters += joint.quarters
-        last = i + 1 == len(shared) or not shared[i + 1]
         turn = turn_by(tape, angle, quarters)
-        out.append(_Step(turn, way, 0.0 if joint.revolute else x, None if shared[i] else joint.twist, last))
+        out.append(_Step(turn, way, 0.0 if joint.revolute else x, None if shared[i] else joint))
     return out
 
 
 def height(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Scalar:
     """Potential energy of the bodies up to a constant [J]; arguments as for `mass_matrix`."""
-    mass: Scalar = 0.0
-    first: Vector3 = [0.0] * 3
-    for joint, x in zip(reversed(chain.joints), reversed(q), strict=True):
-        mass, first = mass + joint.inertia.mass, plus(first, joint.inertia.first.tolist())
+    masses: list[Scalar] = [0.0] * (len(q) + 1)  # behind each joint, and on the base
+    firsts: list[Vector3] = [[0.0] * 3] * (len(q) + 1)
+    for i in reversed(range(len(q))):
+        joint, x = chain.joints[i], q[i]
+        mass, first = masses[i] + joint.inertia.mass, plus(firsts[i], joint.inertia.first.tolist())
         if not joint.revolute:
             first = [first[X], first[Y], first[Z] + mass * x]
         first = plus(turn_of(tape, joint, x).back(first), [mass * y for y in joint.place.tolist()])
-    return -dot(chain.gravity.tolist(), first)
+        masses[joint.before] = masses[joint.before] + mass
+        firsts[joint.before] = plus(firsts[joint.before], first)
+    return -dot(chain.gravity.tolist(), firsts[-1])

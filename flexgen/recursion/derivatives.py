@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexgen.recursion.composite_body import EMPTY, Composite, Matrix, dot, rotate_back
+from flexgen.recursion.composite_body import EMPTY, Composite, Matrix, add_matrices, dot, rotate_back
 from flexgen.recursion.dh_chain import Chain
 from flexgen.recursion.newton_euler import (
     Motion,
@@ -66,6 +66,11 @@ class _Beyond:
     momentum: Vector3
     moment: Matrix
 
+    def __add__(self, other: _Beyond) -> _Beyond:
+        return _Beyond(
+            self.body + other.body, plus(self.momentum, other.momentum), add_matrices(self.moment, other.moment)
+        )
+
     def wrench(self, change: _Change) -> tuple[Vector3, Vector3]:
         """Force and moment of a change of accelerations."""
         twice = [2.0 * x for x in change.sweep]
@@ -106,10 +111,10 @@ def derivatives(
     sums = project_wrenches(chain, q, turns, loads(chain, moving))[1]
     changes = [_changes(motion, joint.revolute) for motion, joint in zip(moving, chain.joints, strict=True)]
     by_q, by_v, by_dv = (_zeros(n) for _ in range(3))
-    beyond = _Beyond(EMPTY, [0.0] * 3, [[0.0] * 3 for _ in range(3)])
+    behind = [_Beyond(EMPTY, [0.0] * 3, [[0.0] * 3 for _ in range(3)])] * n
     for j in reversed(range(n)):
         joint, w, (force, moment) = chain.joints[j], moving[j].w, sums[j]
-        beyond = _add_momentum(beyond, w, joint.inertia.first.tolist(), joint.inertia.second.tolist())
+        beyond = _add_momentum(behind[j], w, joint.inertia.first.tolist(), joint.inertia.second.tolist())
         beyond = _Beyond(beyond.body + joint.inertia, beyond.momentum, beyond.moment)
         feels = _feeling(beyond, joint.revolute)
         of_q, of_v = (beyond.wrench(change) for change in changes[j])
@@ -120,12 +125,13 @@ def derivatives(
             of_q = plus(of_q[0], cross(AXIS, force)), plus(of_q[1], cross(AXIS, moment))
         else:
             of_q = of_q[0], plus(of_q[1], cross(AXIS, force))
-        for i in reversed(range(j)):
-            here, turn, x, speed = chain.joints[i + 1], turns[i + 1], q[i + 1], v[i + 1]
+        k = j
+        for i in chain.ancestors(j):
+            here, turn, x, speed = chain.joints[k], turns[k], q[k], v[k]
             of_q, of_v = move_wrench_before(here, turn, x, *of_q), move_wrench_before(here, turn, x, *of_v)
             sweep = feels.sweep
             if not here.revolute:
-                sweep = plus(sweep, cross(_slide(moving[i + 1], x, speed), feels.shift))
+                sweep = plus(sweep, cross(_slide(moving[k], x, speed), feels.shift))
             shift, turn_felt = move_wrench_before(here, turn, x, feels.shift, feels.turn)
             sweep = plus(turn.back(sweep), cross([2.0 * y for y in cross(moving[i].w, here.place.tolist())], shift))
             feels = _Change(sweep, turn_felt, shift)
@@ -133,8 +139,9 @@ def derivatives(
             by_q[i][j], by_v[i][j] = of_q[felt][Z], of_v[felt][Z]
             by_dv[i][j] = by_dv[j][i] = turn_felt[Z] if felt else shift[Z]
             by_q[j][i], by_v[j][i] = (feels.of(change) for change in changes[i])
-        if j > 0:
-            beyond = _transfer_back(beyond, chain, turns[j], moving, q, v, j)
+            k = i
+        if joint.before >= 0:
+            behind[joint.before] = _transfer_back(beyond, chain, turns[j], moving, q, v, j) + behind[joint.before]
     return by_q, by_v, by_dv
 
 
@@ -189,7 +196,7 @@ def _transfer_back(
         body, momentum, moment = _move_moments(body, momentum, moment, out, velocity)
     body = Composite(body.mass, turn.back(body.first), rotate_back(turn, body.second))
     place = joint.place.tolist()
-    moved = _move_moments(body, turn.back(momentum), rotate_back(turn, moment), place, cross(moving[j - 1].w, place))
+    moved = _move_moments(body, turn.back(momentum), rotate_back(turn, moment), place, cross(moving[joint.before].w, place))
     return _Beyond(*moved)
 
 

@@ -1,11 +1,13 @@
-"""The chain of a robot reduced to numbers: joints with one coordinate each, about or along the z axes of their frames.
+"""A chain or a tree reduced to numbers: joints with one coordinate each, about or along the z axes of their frames.
 
 Frames are placed so that few operations remain (modified Denavit-Hartenberg): from the frame of a joint to that of
-the next one goes a translation ``place``, a rotation about x by the twist, a rotation about z by the joint's angle (or
-by a constant), and a translation along z by the joint's length.
+a next one goes a translation ``place``, a rotation about z by the lead, a rotation about x by the twist, a rotation
+about z by the joint's angle (or by a constant), and a translation along z by the joint's length.
 
-    R = Rx(twist) Rz(q + turn),   p = place              (rotation)
-    R = Rx(twist) Rz(turn),       p = place + R e_z q    (translation)
+    R = Rz(lead) Rx(twist) Rz(q + turn),   p = place              (rotation)
+    R = Rz(lead) Rx(twist) Rz(turn),       p = place + R e_z q    (translation)
+
+The frame of a joint is placed for its first child, so that only the other children of a tree have a lead.
 
 Inertia that a joint does not move relative to the body before it is regrouped to that body: torques and mass matrix are
 those of the robot, forces inside the joints are not.
@@ -79,6 +81,10 @@ class Joint:
         Quarter turns about z, 0 to 3.
     inertia : Inertia
         Of the body that moves with the joint, in the joint's frame.
+    before : int
+        Number of the joint that carries it; -1 for the base.
+    lead : tuple of float
+        Cosine and sine of the rotation about z before the twist.
     """
 
     revolute: bool
@@ -87,19 +93,34 @@ class Joint:
     turn: float
     quarters: int
     inertia: Inertia
+    before: int
+    lead: tuple[float, float] = (1.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Joints from the base to the tool, gravity [m/s^2] in the frame that carries the first, and the constant ends.
+    """Joints, those that carry others before these, gravity [m/s^2] in the frame under the first, the constant ends.
 
-    ``base``: pose of that frame in the world. ``tool``: pose of the tool in the frame of the last joint.
+    ``base``: pose of that frame in the world. ``tool``: pose of the tool in the frame of the joint ``carrier``.
     """
 
     joints: tuple[Joint, ...]
     gravity: np.ndarray
     base: Pose
     tool: Pose
+    carrier: int
+
+    def ancestors(self, i: int) -> list[int]:
+        """Joints before joint i, the nearest first."""
+        out: list[int] = []
+        while (i := self.joints[i].before) >= 0:
+            out.append(i)
+        return out
+
+    @property
+    def to_tool(self) -> list[int]:
+        """Joints from the base to the tool."""
+        return [*self.ancestors(self.carrier)[::-1], self.carrier]
 
 
 # --- from the model --------------------------------------------------------------------------------------------------
@@ -146,39 +167,44 @@ class _Raw:
     revolute: bool
     pose: Pose
     inertia: Inertia
+    before: int
 
 
-def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose]:
-    """Joints with everything rigid between them merged, and the pose of the tool in the last frame."""
+def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose, int]:
+    """Joints with everything rigid between them merged, the pose of the tool in the last frame, and its joint."""
     raws: list[_Raw] = []
-    pose = pose_of(model.base)
+    last, pose = -1, pose_of(model.base)
 
     def carry(body: Body, carrier: str = "") -> None:
-        if not raws:
+        if last < 0:
             return
-        raws[-1].inertia = raws[-1].inertia + inertia_of(body).moved(pose)
+        raws[last].inertia = raws[last].inertia + inertia_of(body).moved(pose)
         for motor in model.motors if model.motor_coupling == "complete" else ():
             if motor.carrier == carrier:
                 # a rotor at rest against its carrier turns with it about its axis
                 axis = np.array(motor.axis)
                 rotor = Body(inertia=tuple(map(tuple, (motor.inertia * np.outer(axis, axis)).tolist())))
-                raws[-1].inertia = raws[-1].inertia + inertia_of(rotor).moved(pose)
+                raws[last].inertia = raws[last].inertia + inertia_of(rotor).moved(pose)
 
     def step(dof: Dof) -> None:
-        nonlocal pose
+        nonlocal last, pose
         axis = np.array(dof.axis, dtype=float)
         turn = (_axis_frame(axis / np.linalg.norm(axis)), np.zeros(3))
-        raws.append(_Raw(dof.type == "rotation", compose(pose, turn), NOTHING))
-        pose = inverse(turn)
+        raws.append(_Raw(dof.type == "rotation", compose(pose, turn), NOTHING, last))
+        last, pose = len(raws) - 1, inverse(turn)
 
+    tips = {"base": (last, pose)}
     for element in model.elements:
+        last, pose = tips[model.parents[element.name]]
         pose = compose(pose, pose_of(element.origin))
         for dof in element.dofs:
             step(dof)
         pose = compose(pose, pose_of(element.link))
         carry(element.body, element.name)
+        tips[element.name] = last, pose
+    last, pose = tips[model.tip]
     carry(model.payload)
-    return raws, compose(pose, pose_of(model.tool))
+    return raws, compose(pose, pose_of(model.tool)), last
 
 
 # --- frames ----------------------------------------------------------------------------------------------------------
@@ -191,6 +217,15 @@ def _about_z(angle: float) -> np.ndarray:
 
 def _about_x(cosine: float, sine: float) -> np.ndarray:
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+
+
+def rotation_before(joint: Joint) -> np.ndarray:
+    """The constant rotation in front of a joint's own, ``Rz(lead) Rx(twist)``."""
+    (c, s), rotation = joint.lead, _about_x(*joint.twist)
+    if joint.lead == (1.0, 0.0):
+        return rotation
+    out: np.ndarray = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
+    return out
 
 
 def snap(x: np.ndarray, scale: float = 1.0, tolerance: float = ROUNDING) -> np.ndarray:
@@ -257,32 +292,48 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
     return (turn, np.array([0.0, 0.0, along])), snap(local - np.array([0.0, 0.0, along]), size), twist, h
 
 
-def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, to_mass: bool) -> Chain:
+def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, carrier: int, to_mass: bool) -> Chain:
     """Place the frames of all joints, from the last to the first: `Chain` without regrouping.
 
-    Each pose is split in a part that can be moved into the frame of the joint before, and the rest. The last frame can
-    be rotated freely.
+    Each pose is split in a part that can be moved into the frame of the joint before, if no other child was there
+    first, and the rest. Frames without a joint behind them can be rotated freely.
     """
     n = len(raws)
     gauges: list[Pose] = [AT_REST] * n  # the frame that is used, in the raw one
-    joints: list[Joint] = []
-    heavy = _tidy(raws[-1].inertia).first
-    to_mass = to_mass and raws[-1].revolute and bool(heavy[0] and heavy[1])
-    if to_mass:
-        gauges[-1] = _about_z(float(np.arctan2(heavy[1], heavy[0]))), np.zeros(3)
-    for i in range(n - 1, -1, -1):
-        pose = compose(raws[i].pose, gauges[i])
-        if i > 0:
-            gauges[i - 1], place, twist, h = _share(pose, raws[i - 1].revolute)
-        else:
-            base, down, h = _ground(pose, gravity, raws[0].revolute)
-            place, twist = np.zeros(3), (1.0, 0.0)
+    joints: dict[int, Joint] = {}
+    first = {raws[i].before: i for i in reversed(range(n))}  # children that their frames are placed for
+    free = {i for i in range(n) if i not in first}
+    for i in free if to_mass else ():
+        heavy = _tidy(raws[i].inertia).first
+        if raws[i].revolute and heavy[0] and heavy[1]:
+            gauges[i] = _about_z(float(np.arctan2(heavy[1], heavy[0]))), np.zeros(3)
+    turned = {i for i in free if gauges[i] is not AT_REST}
+
+    def add(i: int, place: np.ndarray, twist: tuple[float, float], h: float, lead: float = 0.0) -> None:
         quarters, rest = _quarter(h)
-        if i == n - 1 and rest != 0.0 and not to_mass:
+        if i in free - turned and rest != 0.0:
             gauges[i], rest = (_about_z(-rest), np.zeros(3)), 0.0
         inertia = _tidy(raws[i].inertia.moved(inverse(gauges[i])))
-        joints.insert(0, Joint(raws[i].revolute, place, twist, rest, quarters, inertia))
-    return Chain(tuple(joints), down, base, compose(inverse(gauges[n - 1]), tool))
+        about = _about_z(lead)
+        ahead = (float(about[0, 0]), float(about[1, 0]))
+        joints[i] = Joint(raws[i].revolute, place, twist, rest, quarters, inertia, raws[i].before, ahead)
+
+    for i in reversed([i for i in range(n) if first[raws[i].before] == i]):
+        pose, before = compose(raws[i].pose, gauges[i]), raws[i].before
+        if before >= 0:
+            gauges[before], place, twist, h = _share(pose, raws[before].revolute)
+        else:
+            base, down, h = _ground(pose, gravity, raws[i].revolute)
+            place, twist = np.zeros(3), (1.0, 0.0)
+        add(i, place, twist, h)
+    for i in [i for i in range(n) if i not in joints]:
+        before = raws[i].before
+        under = gauges[before] if before >= 0 else base
+        rotation, place = compose(inverse(under), compose(raws[i].pose, gauges[i]))
+        lead, twist, h = _split_rotation(rotation)
+        add(i, snap(place, max(float(np.abs(place).max()), 1e-9)), twist, h, lead)
+    laid = tuple(joints[i] for i in range(n))
+    return Chain(laid, down, base, compose(inverse(gauges[carrier]), tool), carrier)
 
 
 def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndarray, float]:
@@ -318,8 +369,8 @@ def regroup(chain: Chain, kept: Sequence[KeptInertia]) -> Chain:
     axis, total = np.array([0.0, 0.0, 1.0]), sum(joint.inertia.mass for joint in joints)
     for i in reversed(range(len(joints))):
         joint, own, keep = joints[i], joints[i].inertia, kept[i]
-        ahead = joints[i - 1].inertia if i > 0 else NOTHING
-        rotation = _about_x(*joint.twist)
+        ahead = joints[joint.before].inertia if joint.before >= 0 else NOTHING
+        rotation = rotation_before(joint)
         if joint.revolute:
             line, spread = (0.0 if keep.first else own.first[2]), (0.0 if keep.second else own.second[2, 2])
             gone = Inertia(0.0 if keep.mass == "all" else own.mass, line * axis, spread * np.outer(axis, axis))
@@ -331,9 +382,9 @@ def regroup(chain: Chain, kept: Sequence[KeptInertia]) -> Chain:
             rotation = rotation @ _about_z(joint.turn + joint.quarters * np.pi / 2)
             gone = NOTHING if keep.second else replace(NOTHING, second=own.second)
         joints[i] = replace(joint, inertia=_tidy(own + gone.scaled(-1.0), own))
-        if i > 0:
+        if joint.before >= 0:
             moved = gone.moved((rotation, joint.place))
-            joints[i - 1] = replace(joints[i - 1], inertia=_tidy(ahead + moved, ahead, moved))
+            joints[joint.before] = replace(joints[joint.before], inertia=_tidy(ahead + moved, ahead, moved))
     return replace(chain, joints=tuple(joints))
 
 
@@ -349,5 +400,5 @@ def make_chain(model: RobotModel, to_mass: bool = True) -> Chain:
     ``to_mass``: the x axis of the last frame points to its center of mass, which costs an addition to the angle and
     saves more wherever forces are computed.
     """
-    raws, tool = _flatten(model)
-    return _lay(raws, np.array(model.gravity, dtype=float), tool, to_mass)
+    raws, tool, carrier = _flatten(model)
+    return _lay(raws, np.array(model.gravity, dtype=float), tool, carrier, to_mass)

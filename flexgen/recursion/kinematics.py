@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from flexgen.recursion.composite_body import Matrix, combine_axes
-from flexgen.recursion.dh_chain import Chain
-from flexgen.recursion.newton_euler import Vector3, X, Y, Z, cross, plus, turn_by
+from flexgen.recursion.dh_chain import Chain, Joint
+from flexgen.recursion.newton_euler import Vector3, X, Y, Z, cross, plus, tilt, turn_by
 from flexgen.recursion.tape import Scalar, Tape
 
 
@@ -49,19 +49,24 @@ def _rotate_about_z(turn: tuple[Scalar, Scalar], v: Sequence[Scalar]) -> Vector3
     return [c * v[X] - s * v[Y], s * v[X] + c * v[Y], v[Z]]
 
 
+def _tilted(joint: Joint, axes: Matrix) -> Matrix:
+    """Axes after the lead and the twist of a joint."""
+    columns: list[Vector3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    return [combine_axes(axes, tilt(joint, column)) for column in columns]
+
+
 def _groups(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> list[_Group]:
-    """All groups of a chain, the last with the tool as its end."""
+    """All groups between the base and the tool, the last with the tool as its end."""
     rotation, position = chain.base
     group = _Group(position.tolist(), rotation.T.tolist())
     groups = [group]
     angle: Scalar = 0.0
     quarters = 0
-    for i, (joint, x) in enumerate(zip(chain.joints, q, strict=True)):
+    for i in chain.to_tool:
+        joint, x = chain.joints[i], q[i]
         if joint.twist != (1.0, 0.0):
             group.place = joint.place.tolist()
-            axes, (cosine, sine) = group.turned, joint.twist
-            axes = [axes[X], combine_axes(axes, [0.0, cosine, sine]), combine_axes(axes, [0.0, -sine, cosine])]
-            group = _Group(group.end, axes)
+            group = _Group(group.end, _tilted(joint, group.turned))
             groups.append(group)
             angle, quarters = 0.0, 0
         else:
@@ -103,21 +108,18 @@ def tool_pose(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> tuple[Vector3, M
 def jacobian(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Matrix:
     """Jacobian of the tool: linear, then angular velocity in the world, by rows; arguments as for `tool_pose`."""
     groups = _groups(tape, chain, q)
-    columns: list[list[Scalar]] = []
+    columns: list[list[Scalar]] = [[0.0] * 6 for _ in q]
     to_tool = plus(groups[-1].step, _rotate_about_z(groups[-1].turn, groups[-1].place))
     for k, group in reversed(list(enumerate(groups))):
         for i, at in reversed(group.members):
             if chain.joints[i].revolute:
                 r = [to_tool[X] - at[X], to_tool[Y] - at[Y]]
-                columns.insert(0, [*combine_axes(group.axes, [-r[1], r[0], 0.0]), *group.axes[Z]])
+                columns[i] = [*combine_axes(group.axes, [-r[1], r[0], 0.0]), *group.axes[Z]]
             else:
-                columns.insert(0, [*group.axes[Z], 0.0, 0.0, 0.0])
+                columns[i] = [*group.axes[Z], 0.0, 0.0, 0.0]
         if k > 0:
-            cosine, sine = chain.joints[group.members[0][0]].twist
-            x, y, z = to_tool
-            twisted_back = [x, cosine * y - sine * z, sine * y + cosine * z]
-            last = groups[k - 1]
-            to_tool = plus(last.step, _rotate_about_z(last.turn, plus(last.place, twisted_back)))
+            tilted, last = tilt(chain.joints[group.members[0][0]], to_tool), groups[k - 1]
+            to_tool = plus(last.step, _rotate_about_z(last.turn, plus(last.place, tilted)))
     return [list(row) for row in zip(*columns, strict=True)]
 
 
@@ -151,11 +153,11 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
     quarters = 0
     ways: list[tuple[Vector3, Vector3, Vector3]] = []
     lines: list[tuple[Vector3, Vector3, Vector3]] = []
-    for joint, x, speed, acceleration in zip(chain.joints, q, v, a, strict=True):
+    for i in chain.to_tool:
+        joint, x, speed, acceleration = chain.joints[i], q[i], v[i], a[i]
         ways.append(_differentiate_rotating(combine_axes(turned, joint.place.tolist()), w, dw))
         if joint.twist != (1.0, 0.0) or not lines:
-            cosine, sine = joint.twist
-            axes = [turned[X], combine_axes(turned, [0.0, cosine, sine]), combine_axes(turned, [0.0, -sine, cosine])]
+            axes = _tilted(joint, turned)
             angle, quarters = 0.0, 0
         line = _differentiate_rotating(axes[Z], w, dw)
         z, z1, z2 = line
@@ -165,25 +167,25 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
         c, s = turn_by(tape, angle, quarters)
         turned = [combine_axes(axes, [c, s, 0.0]), combine_axes(axes, [-s, c, 0.0]), axes[Z]]
         if joint.revolute:
-            dw = [dw[i] + z[i] * acceleration + z1[i] * speed for i in (X, Y, Z)]
-            w = [w[i] + z[i] * speed for i in (X, Y, Z)]
+            dw = [dw[k] + z[k] * acceleration + z1[k] * speed for k in (X, Y, Z)]
+            w = [w[k] + z[k] * speed for k in (X, Y, Z)]
         else:
             way, first, second = ways.pop()
             twice = 2.0 * speed
-            second = [second[i] + z[i] * acceleration + z1[i] * twice + z2[i] * x for i in (X, Y, Z)]
-            first = [first[i] + z[i] * speed + z1[i] * x for i in (X, Y, Z)]
-            ways.append(([way[i] + z[i] * x for i in (X, Y, Z)], first, second))
+            second = [second[k] + z[k] * acceleration + z1[k] * twice + z2[k] * x for k in (X, Y, Z)]
+            first = [first[k] + z[k] * speed + z1[k] * x for k in (X, Y, Z)]
+            ways.append(([way[k] + z[k] * x for k in (X, Y, Z)], first, second))
     ways.append(_differentiate_rotating(combine_axes(turned, chain.tool[1].tolist()), w, dw))
-    columns: list[tuple[Vector3, Vector3, Vector3]] = []
+    columns: list[tuple[Vector3, Vector3, Vector3]] = [([0.0] * 6, [0.0] * 6, [0.0] * 6) for _ in q]
     r, r1, r2 = ways[-1]
-    for joint, (z, z1, z2), step in zip(reversed(chain.joints), reversed(lines), reversed(ways[:-1]), strict=True):
-        if joint.revolute:
+    for i, (z, z1, z2), step in zip(reversed(chain.to_tool), reversed(lines), reversed(ways[:-1]), strict=True):
+        if chain.joints[i].revolute:
             double = [2.0 * x for x in z1]
             first = plus(cross(z1, r), cross(z, r1))
             second = plus(plus(cross(z2, r), cross(double, r1)), cross(z, r2))
-            columns.insert(0, ([*cross(z, r), *z], [*first, *z1], [*second, *z2]))
+            columns[i] = [*cross(z, r), *z], [*first, *z1], [*second, *z2]
         else:
-            columns.insert(0, ([*z, 0.0, 0.0, 0.0], [*z1, 0.0, 0.0, 0.0], [*z2, 0.0, 0.0, 0.0]))
+            columns[i] = [*z, 0.0, 0.0, 0.0], [*z1, 0.0, 0.0, 0.0], [*z2, 0.0, 0.0, 0.0]
         r, r1, r2 = plus(r, step[0]), plus(r1, step[1]), plus(r2, step[2])
     return Rates(columns, w, dw, [*r2, *dw])
 

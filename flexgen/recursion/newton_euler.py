@@ -32,8 +32,9 @@ Wrench = tuple[Vector3, Vector3]  # force, moment about the origin of the frame
 
 @dataclass(frozen=True)
 class Turn:
-    """The rotation of a joint: twist about x (numbers), then an angle about z by its cosine and sine."""
+    """The rotation of a joint: lead and twist (numbers), then an angle about z by its cosine and sine."""
 
+    lead: tuple[float, float]
     twist: tuple[float, float]
     cosine: Scalar
     sine: Scalar
@@ -42,31 +43,34 @@ class Turn:
 
     def into(self, v: Vector3) -> Vector3:
         """A vector of the frame before, in the joint's frame."""
-        x, y, z = apply_twist_transposed(self.twist, v)
+        x, y, z = untilt(self, v)
         return [self.cosine * x + self.sine * y, self.cosine * y - self.sine * x, z]
 
     def back(self, v: Vector3) -> Vector3:
         """A vector of the joint's frame, in the frame before."""
         x = self.cosine * v[0] - self.sine * v[1]
         y = self.sine * v[0] + self.cosine * v[1]
-        return apply_twist(self.twist, [x, y, v[2]])
+        return tilt(self, [x, y, v[2]])
 
 
-def apply_twist_transposed(twist: tuple[float, float], v: Vector3) -> Vector3:
-    """``Rx(twist)' v``."""
-    cosine, sine = twist
-    return [v[0], cosine * v[1] + sine * v[2], cosine * v[2] - sine * v[1]]
+def untilt(by: Joint | Turn, v: Vector3) -> Vector3:
+    """``Rx(twist)' Rz(lead)' v``."""
+    (c, s), (cosine, sine) = by.lead, by.twist
+    x, y = c * v[0] + s * v[1], c * v[1] - s * v[0]
+    return [x, cosine * y + sine * v[2], cosine * v[2] - sine * y]
 
 
-def apply_twist(twist: tuple[float, float], v: Vector3) -> Vector3:
-    """``Rx(twist) v``."""
-    return apply_twist_transposed((twist[0], -twist[1]), v)
+def tilt(by: Joint | Turn, v: Vector3) -> Vector3:
+    """``Rz(lead) Rx(twist) v``."""
+    (c, s), (cosine, sine) = by.lead, by.twist
+    y, z = cosine * v[1] - sine * v[2], cosine * v[2] + sine * v[1]
+    return [c * v[0] - s * y, c * y + s * v[0], z]
 
 
 def turn_of(tape: Tape, joint: Joint, q: Scalar) -> Turn:
     """The rotation of a joint at its coordinate."""
     angle = q + joint.turn if joint.revolute else joint.turn
-    return Turn(joint.twist, *turn_by(tape, angle, joint.quarters), angle, joint.quarters)
+    return Turn(joint.lead, joint.twist, *turn_by(tape, angle, joint.quarters), angle, joint.quarters)
 
 
 def turn_by(tape: Tape, angle: Scalar, quarters: int) -> tuple[Scalar, Scalar]:
@@ -171,13 +175,13 @@ def move_to_next_frame(
     """The motion of the next frame, whose joint has the coordinate x, the speed v and the acceleration dv."""
     carried = motion.along(joint.place.tolist())
     # U e_z of the frame before, with the axis of this joint in it
-    axis = motion.along([0.0, -joint.twist[1], joint.twist[0]] if by_column else [0.0] * 3)
-    root, total = motion.root, replace(turn, twist=(1.0, 0.0))
+    axis = motion.along(tilt(joint, [0.0, 0.0, 1.0]) if by_column else [0.0] * 3)
+    root, total = motion.root, replace(turn, lead=(1.0, 0.0), twist=(1.0, 0.0))
     if root is not None and joint.twist == (1.0, 0.0):
         root = replace(root, angle=root.angle + turn.angle, quarters=root.quarters + turn.quarters)
-        total = Turn(joint.twist, *turn_by(tape, root.angle, root.quarters), root.angle, root.quarters)
+        total = Turn(joint.lead, joint.twist, *turn_by(tape, root.angle, root.quarters), root.angle, root.quarters)
     else:
-        w, column, a = (apply_twist_transposed(joint.twist, x) for x in (motion.w, axis, motion.a))
+        w, column, a = (untilt(joint, x) for x in (motion.w, axis, motion.a))
         root = _Root(w, column, a, turn.angle, turn.quarters)
 
     def rotate(x: Vector3, first: Vector3) -> Vector3:
@@ -190,7 +194,7 @@ def move_to_next_frame(
         root = replace(root, a=[])
     if by_column:
         column = rotate(axis, root.column)
-        spin = apply_twist_transposed(joint.twist, motion.dw)[Z]
+        spin = untilt(joint, motion.dw)[Z]
         if joint.revolute:
             return Motion([w[X], w[Y], w[Z] + v], a, (None, None, spin + dv), (column[X], column[Y]), root)
         known = Motion(w, a, (None, None, spin), (column[X], column[Y]), root)
@@ -273,10 +277,10 @@ def motions(
 ) -> list[Motion]:
     """Motion of the frames of all joints; arguments as in `inverse_dynamics`."""
     out: list[Motion] = []
-    motion = Motion([0.0] * 3, (-chain.gravity).tolist(), (0.0, 0.0, 0.0))
+    ground = Motion([0.0] * 3, (-chain.gravity).tolist(), (0.0, 0.0, 0.0))
     for joint, turn, x, speed, acceleration, by_column in zip(chain.joints, turns, q, v, dv, columns, strict=True):
-        motion = move_to_next_frame(tape, motion, joint, turn, x, speed, acceleration, by_column)
-        out.append(motion)
+        motion = out[joint.before] if joint.before >= 0 else ground
+        out.append(move_to_next_frame(tape, motion, joint, turn, x, speed, acceleration, by_column))
     return out
 
 
@@ -290,14 +294,16 @@ def project_wrenches(
 ) -> tuple[list[Scalar], list[Wrench]]:
     """Generalized forces that hold given wrenches on the frames of all joints, and the sums of these in each frame."""
     tau: list[Scalar] = []
-    sums: list[Wrench] = []
-    force: Vector3 = [0.0] * 3
-    moment: Vector3 = [0.0] * 3
-    for joint, x, turn, load in zip(*map(reversed, (chain.joints, q, turns, carried)), strict=True):
-        force, moment = plus(load[0], force), plus(load[1], moment)
+    still: Wrench = ([0.0] * 3, [0.0] * 3)
+    sums, beyond = [still] * len(chain.joints), [still] * len(chain.joints)
+    for i in reversed(range(len(chain.joints))):
+        joint, load = chain.joints[i], carried[i]
+        force, moment = sums[i] = plus(load[0], beyond[i][0]), plus(load[1], beyond[i][1])
         tau.insert(0, moment[Z] if joint.revolute else force[Z])
-        sums.insert(0, (force, moment))
-        force, moment = move_wrench_before(joint, turn, x, force, moment)
+        if joint.before >= 0:
+            on, about = beyond[joint.before]
+            force, moment = move_wrench_before(joint, turns[i], q[i], force, moment)
+            beyond[joint.before] = plus(force, on), plus(moment, about)
     return tau, sums
 
 

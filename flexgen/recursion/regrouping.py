@@ -44,7 +44,7 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
     chain = make_chain(model)
     n = len(chain.joints)
     # moments of inertia that would move to the empty bodies between joints on one point are not regrouped
-    points = [i > 0 and _on_a_point(chain, i) for i in range(n)]
+    points = [joint.before >= 0 and _on_a_point(chain, i) for i, joint in enumerate(chain.joints)]
     groupings = [[KeptInertia()] * n, [KEPT_ALL] * n, [KeptInertia("none", point, point) for point in points]]
     starts = [(tuple(kept), tuple([column] * n)) for kept in groupings for column in (True, False)]
 
@@ -65,7 +65,7 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
 
 def _on_a_point(chain: Chain, i: int) -> bool:
     """Whether joint i turns about the same point as the one before it, which moves no body of its own."""
-    here, own = chain.joints[i], chain.joints[i - 1].inertia
+    here, own = chain.joints[i], chain.joints[chain.joints[i].before].inertia
     return here.revolute and not here.place.any() and not (own.mass or own.first.any() or own.second.any())
 
 

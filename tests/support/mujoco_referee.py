@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from flexgen.model.elements import Body, Dof, LinearSpring, Motor, RobotModel
+from flexgen.model.elements import Body, Dof, Element, LinearSpring, Motor, RobotModel
 
 NO_BEAMS = "MuJoCo has no assumed-modes beam"
 
@@ -51,7 +51,7 @@ class MujocoReferee:
           <worldbody>{world}
             <body name="base" pos="{text(model.base.position)}" quat="{quaternion(np.array(model.base.rotation))}">
               {self._inertial("base", Body(), np.zeros(3), np.eye(3))}{self._carried("base", np.zeros(3), np.eye(3))}
-              {self._element(0, np.zeros(3), np.eye(3))}
+              {self._children("base", np.zeros(3), np.eye(3))}
             </body>
           </worldbody>
           {self._tendons()}
@@ -101,15 +101,22 @@ class MujocoReferee:
         carried = [j for j, motor in enumerate(self.model.motors) if motor.carrier == carrier]
         return "".join(self._rotor(j, position, rotation @ np.array(self.model.motors[j].axis)) for j in carried)
 
-    def _element(self, k: int, position: np.ndarray, rotation: np.ndarray) -> str:
-        """Element k and what follows; the previous tip stands at this place in the parent's MuJoCo body."""
-        model = self.model
-        if k == len(model.elements):
+    def _children(self, name: str, position: np.ndarray, rotation: np.ndarray) -> str:
+        """What an element carries; its tip stands at this place in its MuJoCo body."""
+        model, out = self.model, ""
+        if name == model.tip:
             payload = self._inertial("payload", model.payload, np.zeros(3), np.eye(3))
             tool = model.tool
             site = f'<site name="tool" pos="{text(tool.position)}" quat="{quaternion(np.array(tool.rotation))}"/>'
-            return f'<body name="payload" pos="{text(position)}" quat="{quaternion(rotation)}">{payload}{site}</body>'
-        element = model.elements[k]
+            out = f'<body name="payload" pos="{text(position)}" quat="{quaternion(rotation)}">{payload}{site}</body>'
+        before = ["base", *(element.name for element in model.elements)]
+        for k, element in enumerate(model.elements):
+            if (element.parent or before[k]) == name:
+                out += self._element(element, position, rotation)
+        return out
+
+    def _element(self, element: Element, position: np.ndarray, rotation: np.ndarray) -> str:
+        """An element and what it carries; the tip of its parent stands at this place in the parent's MuJoCo body."""
         place = position + rotation @ np.array(element.origin.position)
         turn = rotation @ np.array(element.origin.rotation)
         types = {"rotation": "hinge", "translation": "slide"}
@@ -121,7 +128,7 @@ class MujocoReferee:
         return (
             f'<body name="{element.name}" pos="{text(place)}" quat="{quaternion(turn)}">{joints}'
             f"{self._inertial(element.name, element.body, *link)}{self._carried(element.name, *link)}"
-            f"{self._element(k + 1, *link)}</body>"
+            f"{self._children(element.name, *link)}</body>"
         )
 
     def _rub(self, moved: Dof | Motor) -> str:

@@ -50,7 +50,7 @@ const char *elbow_status_text(elbow_status status)
 
 const char *elbow_digest(void)
 {
-    return "dbcf6076a0f6d84a98a2fcd2beea41205558d4b3c3d0cdcdd2d9bcaa20c6b230";
+    return "b56740f0886051690ef62cb6555c1addac4d57dbfdb27e44be7794f06485ed43";
 }
 
 const char *elbow_interface(void)
