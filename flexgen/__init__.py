@@ -12,8 +12,8 @@ from flexgen import registry
 from flexgen.version import __version__ as __version__
 
 _VERBS = {
-    "models": "flexgen.model.catalogue",
-    "describe": "flexgen.model.catalogue",
+    "models": "flexgen.catalogue",
+    "describe": "flexgen.catalogue",
     "read": "flexgen.model.reader",
     "read_moves": "flexgen.model.task_files",
     "derive": "flexgen.mechanics.equations",

@@ -9,6 +9,8 @@ from flexgen.benchmarks.score import Score as Score
 from flexgen.benchmarks.score import score as score
 from flexgen.benchmarks.tune import TuningResult as TuningResult
 from flexgen.benchmarks.tune import tune as tune
+from flexgen.catalogue import describe as describe
+from flexgen.catalogue import models as models
 from flexgen.errors import ArgumentError as ArgumentError
 from flexgen.errors import BuildError as BuildError
 from flexgen.errors import FlexgenError as FlexgenError
@@ -76,8 +78,6 @@ from flexgen.loop.result import PlantRun as PlantRun
 from flexgen.mechanics.equations import Equations as Equations
 from flexgen.mechanics.equations import derive as derive
 from flexgen.mechanics.statics import Equilibrium as Equilibrium
-from flexgen.model.catalogue import describe as describe
-from flexgen.model.catalogue import models as models
 from flexgen.model.elements import RobotModel as RobotModel
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import MoveC as MoveC

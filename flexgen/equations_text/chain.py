@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 from scipy.spatial.transform import Rotation
 
-from flexgen.equations_text.elements import Expr3, Joint, Mass, Rotor, Shift, Step, Symbols, Turn
+from flexgen.equations_text.elements import Expr3, Joint, Mass, Return, Rotor, Shift, Step, Symbols, Tip, Turn
 from flexgen.equations_text.trigonometric import Element as Polynomial
 from flexgen.equations_text.trigonometric import Matrix3, TrigonometricRing, Vector3, accumulate_angles
 
@@ -32,6 +32,7 @@ class SymbolicChain:
         self.M: list[list[Polynomial]] = [[zero for _ in size] for _ in size]  # of arm and rotors
         self.D: list[list[Polynomial]] = [[zero for _ in range(n)] for _ in range(n)]
         self.potential = zero
+        self._tips = {"base": (self.R, self.p, self.Jv, self.Jw)}
 
     def element(self, step: Step) -> None:
         """Walk one step."""
@@ -50,6 +51,10 @@ class SymbolicChain:
                 self.Jv[step.index] = axis
         elif isinstance(step, Mass):
             self._mass(step)
+        elif isinstance(step, Tip):
+            self._tips[step.name] = self.R, self.p, self.Jv, self.Jw
+        elif isinstance(step, Return):
+            self.R, self.p, self.Jv, self.Jw = self._tips[step.name]
         else:
             axis = [ring.element(x) for x in step.axis]
             seen = [ring.dot(axis, Jw) for Jw in self.Jw]
@@ -143,6 +148,8 @@ def polynomial_ring(
                 along = 0.0 if axis is None else float(new @ axis)
                 same.append(round(along) if abs(abs(along) - 1) < 1e-9 else 0)
                 axis = new
+        elif isinstance(step, Return):
+            axis = None
         elif isinstance(step, Mass):
             heavy += [x for x in dict.fromkeys([step.mass, step.drag, *step.inertia.values()]) if x.is_Symbol]
         elif isinstance(step, Rotor):

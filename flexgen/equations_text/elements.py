@@ -109,7 +109,21 @@ class Rotor:
     axis: Expr3
 
 
-Step = Shift | Turn | Joint | Mass | Rotor
+@dataclass(frozen=True)
+class Tip:
+    """The end of an element, on which others may be: the current frame."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Return:
+    """The next frame is at the tip of this element, or at the base."""
+
+    name: str
+
+
+Step = Shift | Turn | Joint | Mass | Rotor | Tip | Return
 
 
 def placement_steps(symbols: Symbols, head: str, owner: str, placement: Placement, meaning: str) -> list[Step]:
@@ -158,7 +172,10 @@ def _body(symbols: Symbols, owner: str, body: Body) -> Mass | None:
 
 
 def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> list[Step]:
-    """Constants, joints, bodies and (complete coupling) rotors, of inertias ``rotor``, from the base to the tool."""
+    """Constants, joints, bodies and (complete coupling) rotors, of inertias ``rotor``, from the base to the tool.
+
+    Branches begin with a `Return` to the tip of their parent.
+    """
     rotors: dict[str, list[Step]] = {}
     for j, motor in enumerate(model.motors):
         if model.motor_coupling == "complete" and motor.carrier != "base":
@@ -167,7 +184,11 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
             rotors.setdefault(motor.carrier, []).append(Rotor(j, rotor[j], axis))
     steps: list[Step] = []
     k = 0
+    here = "base"
     for element in model.elements:
+        if model.parents[element.name] != here:
+            steps.append(Return(model.parents[element.name]))
+        here = element.name
         steps += placement_steps(
             symbols, "o", element.name, element.origin, f"origin of {element.name} from the tip before"
         )
@@ -178,7 +199,9 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
             symbols, "l", element.name, element.link, f"frame of {element.name} from its last joint"
         )
         body = _body(symbols, element.name, element.body)
-        steps += ([body] if body else []) + rotors.pop(element.name, [])
+        steps += ([body] if body else []) + rotors.pop(element.name, []) + [Tip(element.name)] * model.branched
+    if model.tip != here:
+        steps.append(Return(model.tip))
     payload = _body(symbols, "payload", model.payload)
     steps += [payload] if payload else []
     return steps + placement_steps(symbols, "t", "tool", Placement(model.tool.position), "tool from the last tip")

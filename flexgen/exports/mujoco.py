@@ -148,20 +148,20 @@ class _Writer:
     # --- bodies -------------------------------------------------------------------------------------------------------
 
     def _elements(self, world: Element) -> None:
-        """The chain; a MuJoCo body has the frame at ``origin``, moved by the joints of its element."""
+        """All elements; a MuJoCo body has the frame at ``origin``, moved by the joints of its element."""
         model = self.model
         places, tensors = [], []
-        tip = model.base
+        tips = {"base": model.base} | {element.name: element.link for element in model.elements}
         for element in model.elements:
-            places.append(chain(tip, element.origin))
+            places.append(chain(tips[model.parents[element.name]], element.origin))
             R = np.array(element.link.rotation)
             tensors.append(R @ (np.array(element.body.inertia) - self._carried_inertia(element.name)) @ R.T)
-            tip = element.link
         tensors = regroup(model, tensors, [np.array(place.rotation) for place in places])
-        holder = world
+        holders = {"base": world}
         for element, place, tensor in zip(model.elements, places, tensors, strict=True):
-            self._capsule(holder, place.position)
-            holder = add(holder, "body", name=_body_name(element.name), **pose_attributes(place))
+            self._capsule(parent := holders[model.parents[element.name]], place.position)
+            holder = add(parent, "body", name=_body_name(element.name), **pose_attributes(place))
+            holders[element.name] = holder
             for dof in element.dofs:
                 self._joint(holder, dof)
             position, R = np.array(element.link.position), np.array(element.link.rotation)
@@ -170,7 +170,8 @@ class _Writer:
             for drive in self.drives:
                 if drive.turning is None and drive.motor.carrier == element.name:
                     self._rotor(holder, drive, center, R @ np.array(drive.motor.axis))
-        payload, tool = model.payload, chain(tip, model.tool)
+        payload, tip, holder = model.payload, tips[model.tip], holders[model.tip]
+        tool = chain(tip, model.tool)
         self._capsule(holder, tool.position)
         if payload.mass > 0.0:
             body = add(holder, "body", name="payload.", **pose_attributes(tip))  # no element has this name

@@ -128,7 +128,10 @@ def common_axis(model: RobotModel, name: str) -> tuple[np.ndarray, dict[str, flo
     """
     axis: np.ndarray | None = None
     signs: dict[str, float] = {}
-    for element in model.elements:
+    above = [name]
+    while above[-1] in model.parents:
+        above.append(model.parents[above[-1]])
+    for element in (element for element in model.elements if element.name in above):
         axis = None if axis is None else np.array(element.origin.rotation).T @ axis
         for dof in element.dofs:
             if dof.type == "rotation":
@@ -138,6 +141,4 @@ def common_axis(model: RobotModel, name: str) -> tuple[np.ndarray, dict[str, flo
                     return None
                 signs[dof.name] = float(np.sign(axis @ own))
         axis = None if axis is None else np.array(element.link.rotation).T @ axis
-        if element.name == name:
-            break
     return (np.zeros(3) if axis is None else axis), signs

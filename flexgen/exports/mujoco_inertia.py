@@ -47,7 +47,7 @@ def regroup(model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndarra
     inertias : list of arrays (3, 3) [kg m^2]
         Of the bodies of the elements about their centers of mass, in the axes of their MuJoCo bodies.
     turns : list of arrays (3, 3)
-        Rotation from the MuJoCo body of each element to that of the element before, with the joints at zero.
+        Rotation from the MuJoCo body of each element to that of its parent, with the joints at zero.
 
     Raises
     ------
@@ -55,6 +55,7 @@ def regroup(model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndarra
         There are none.
     """
     out = [np.array(inertia) for inertia in inertias]
+    names = list(model.parents)
     for k in reversed(range(len(out))):
         scale = float(np.abs(out[k]).max())
         if missing(out[k]) <= 0.0:
@@ -66,18 +67,17 @@ def regroup(model: RobotModel, inertias: list[np.ndarray], turns: list[np.ndarra
         free = free_directions(axes)
         amount = None if free is None else _find_least(out[k], free)
         if free is None or amount is None:
-            name = model.elements[k].name
             moments = ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(out[k]))
             raise ModelError(
                 model.file,
                 0,
-                f"element.{name}.body.inertia",
+                f"element.{names[k]}.body.inertia",
                 f"principal moments {moments} (with the share of the rotors and of the bodies behind)",
                 "for MuJoCo no principal moment larger than the sum of the other two: the full inertia tensor",
             )
         out[k] = out[k] + amount * free
-        if k:
-            out[k - 1] = out[k - 1] - amount * turns[k] @ free @ turns[k].T
+        if (parent := model.parents[names[k]]) != "base":
+            out[names.index(parent)] -= amount * turns[k] @ free @ turns[k].T
     return out
 
 

@@ -61,6 +61,7 @@ class Step:
     position: np.ndarray
     rotation: np.ndarray
     body: Body
+    parent: str  # the link before; empty: the ground
 
 
 @checked_types
@@ -170,8 +171,9 @@ def _steps(model: RobotModel) -> list[Step]:
     names = {element.name for element in model.elements}
     coordinates = {coordinate.name for coordinate in model.coordinates}
     out: list[Step] = []
-    shift = np.zeros(3)  # of the body frame in the link frame
+    ends = {"base": ("", np.zeros(3))}  # the link of each element, and the body frame in it
     for element in model.elements:
+        parent, shift = ends[model.parents[element.name]]
         turn = np.array(element.link.rotation)
         position = shift + np.array(element.origin.position)
         rotation = np.array(element.origin.rotation) @ turn
@@ -184,12 +186,17 @@ def _steps(model: RobotModel) -> list[Step]:
             body = replace(element.body, com=tuple((shift + np.array(element.body.com)).tolist())) if last else Body()
             joint = dof.name if dof is not None else _new_name(f"{element.name}_mount", coordinates)
             coordinates.add(joint)
-            parts = [tuple(_turn(d, turn) for d in group) for group in (before, (dof,) if dof else (), after)]
-            out.append(Step(link, joint, parts[1][0] if dof else None, parts[0], parts[2], position, rotation, body))
-            position, rotation = np.zeros(3), np.eye(3)
+            before, own, after = (
+                tuple(replace(d, axis=tuple((turn.T @ np.array(d.axis) + 0.0).tolist())) for d in group)
+                for group in (before, (dof,) if dof else (), after)
+            )
+            out.append(Step(link, joint, own[0] if own else None, before, after, position, rotation, body, parent))
+            parent, position, rotation = link, np.zeros(3), np.eye(3)
+        ends[element.name] = parent, shift
+    parent, shift = ends[model.tip]
     if shift.any():
         joint, link = _new_name("tip_mount", coordinates), _new_name("tip", names)
-        out.append(Step(link, joint, None, (), (), shift, np.eye(3), Body()))
+        out.append(Step(link, joint, None, (), (), shift, np.eye(3), Body(), parent))
     return out
 
 
@@ -204,10 +211,6 @@ def _groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tuple[D
         end = actuated[n + 1] if n + 1 < len(actuated) else len(element.dofs)
         out.append((element.dofs[start:k], element.dofs[k], element.dofs[k + 1 : end]))
     return out
-
-
-def _turn(dof: Dof, turn: np.ndarray) -> Dof:
-    return replace(dof, axis=tuple((turn.T @ np.array(dof.axis) + 0.0).tolist()))
 
 
 def _new_name(stem: str, taken: Iterable[str]) -> str:
@@ -225,11 +228,11 @@ def urdf_text(model: RobotModel, steps: list[Step]) -> str:
     """The URDF file."""
     root = ElementTree.Element("robot", {"name": model.name})
     root.append(ElementTree.Comment(f" rigid part of {model.title}, written by flexgen {__version__} "))
-    parent = _ground(steps)
-    add(root, "link", name=parent)
+    ground = _ground(steps)
+    add(root, "link", name=ground)
     efforts = _efforts(model)
     for step in steps:
-        _joint(root, step, parent, efforts)
+        _joint(root, step, step.parent or ground, efforts)
         link = add(root, "link", name=step.link)
         if step.body.mass > 0.0:
             inertial = add(link, "inertial")
@@ -237,7 +240,6 @@ def urdf_text(model: RobotModel, steps: list[Step]) -> str:
             add(inertial, "mass", value=step.body.mass)
             (xx, xy, xz), (_, yy, yz), (_, _, zz) = step.body.inertia
             add(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
-        parent = step.link
     return '<?xml version="1.0"?>\n' + document(root)
 
 
@@ -290,13 +292,16 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
     data["output"] = output_table(model)
     lines = [f"# {model.title}{_WRITTEN_BY}{__version__}: what {file} cannot contain"]
     lines += [f"{key} = {toml(value)}" for key, value in data.items() if value not in ({}, ())]
-    ends = {"file": file, "base": _ground(steps), "tip": steps[-1].link, "limits": False, "dynamics": False}
-    lines += ["", "[urdf]", *(f"{key} = {toml(value)}" for key, value in ends.items())]
+    tip = model.tip if steps[-1].link in model.parents else steps[-1].link
+    branches = [step.link for step in steps if step.link not in {tip, *(other.parent for other in steps)}]
+    ends = {"file": file, "base": _ground(steps), "tip": tip, "branches": branches, "limits": False, "dynamics": False}
+    lines += ["", "[urdf]", *(f"{key} = {toml(value)}" for key, value in ends.items() if value != [])]
     for step in steps:
         if step.dof is not None:
             lines += ["", f"[joint.{step.dof.name}]"]
             table = {key: value for key, value in write(DOF, step.dof).items() if key not in ("name", "type", "axis")}
-            table |= {key: [write(DOF, d) for d in group] for key, group in _more(step) if group}
+            more = {"before": step.before, "after": step.after}
+            table |= {key: [write(DOF, d) for d in group] for key, group in more.items() if group}
             lines += [f"{key} = {toml(value)}" for key, value in table.items()]
         if _reduced(step.body):
             lines += ["", f"[link.{step.link}]", "inertia_reduced = true"]
@@ -314,10 +319,6 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
                 raise ModelError(model.file, 0, f"{kind}.{table['name']}", given, "for URDF a moving element")
             lines += ["", f"[[{kind}]]", *(f"{key} = {toml(value)}" for key, value in table.items())]
     return "\n".join(lines) + "\n"
-
-
-def _more(step: Step) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
-    return (("before", step.before), ("after", step.after))
 
 
 def _shift(element: Element) -> np.ndarray:

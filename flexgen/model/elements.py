@@ -1,8 +1,8 @@
 """Data classes of a robot description: frozen data, with properties that count and look up.
 
 Notation (S. Moberg, Modeling and Control of Flexible Manipulators, Linkoeping 2010): arm coordinates ``q_a`` in the
-order of the elements consist of actuated ones ``q_g`` (a gear between them and a motor) and non-actuated ones ``q_e`` (spring-damper
-only); motor coordinates ``q_m`` are on the motor side of the gears.
+order of the elements consist of actuated ones ``q_g`` (a gear between them and a motor) and non-actuated ones ``q_e``
+(spring-damper only); motor coordinates ``q_m`` are on the motor side of the gears.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Tool(Placement):
-    """A tool frame: its pose from the tip of an element, the last one where ``element`` is empty."""
+    """The pose of a tool frame from the tip of a stated element."""
 
     element: str = ""
 
@@ -183,8 +183,8 @@ class Element:
     """A link: placement, degrees of freedom in order, body frame, body, and optionally a beam.
 
     Frames: tip of the parent -> ``origin`` (constant) -> degrees of freedom -> ``link`` (constant) -> body -> beam tip.
-    Children, and the tool, are attached to the body frame, or to the tip of the beam if there is one. ``parent``: an
-    earlier element, ``"base"``, or None for the element before; several elements with one parent make a tree.
+    The tip is the body frame, or the end of the beam. ``parent``: an earlier element, ``"base"``, or None for the one
+    before; several elements with one parent make a tree.
     """
 
     name: str
@@ -305,14 +305,9 @@ class RobotModel:
         if self.variant:
             check_name("model.variant", self.variant)
         dofs = tuple(dof for element in self.elements for dof in element.dofs)
-        kinds: dict[str, Sequence[Any]] = {
-            "element": self.elements,
-            "coordinate": dofs,
-            "motor": self.motors,
-            "sensor": self.sensors,
-        }
-        for kind, named in kinds.items():
-            for one in named:
+        named: tuple[Sequence[Any], ...] = (self.elements, dofs, self.motors, self.sensors)
+        for kind, group in zip(("element", "coordinate", "motor", "sensor"), named, strict=True):
+            for one in group:
                 check_name(f"{kind}.name", one.name)
 
     def __repr__(self) -> str:
@@ -336,24 +331,18 @@ class RobotModel:
     @cached_property
     def parents(self) -> dict[str, str]:
         """The parent of each element, by name: another element, or ``"base"``."""
-        before = "base"
-        out: dict[str, str] = {}
-        for element in self.elements:
-            out[element.name] = element.parent or before
-            before = element.name
-        return out
+        before = ["base", *(element.name for element in self.elements)]
+        return {e.name: e.parent or previous for e, previous in zip(self.elements, before, strict=False)}
 
     @property
     def tip(self) -> str:
         """Name of the element that carries the tool and the payload."""
-        named = self.tool.element if isinstance(self.tool, Tool) else ""
-        return named or self.elements[-1].name
+        return self.tool.element if isinstance(self.tool, Tool) else self.elements[-1].name
 
     @property
     def branched(self) -> bool:
-        """Whether the elements are a tree, not a chain that ends at the tool."""
-        chain = ["base", *(element.name for element in self.elements)]
-        return [*self.parents.values(), self.tip] != chain
+        """Whether the elements are more than a chain that ends at the tool."""
+        return [*self.parents.values(), self.tip] != ["base", *self.parents]
 
     @property
     def frictions(self) -> list[Friction]:

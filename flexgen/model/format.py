@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flexgen.model import format_robot as robot
-from flexgen.model.elements import Body, Placement, Tool
+from flexgen.model.elements import Body, Matrix, Placement, Tool, Vector
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
@@ -19,6 +19,7 @@ from flexgen.spec.keys import (
     any_table,
     choice,
     flag,
+    known,
     listed,
     name,
     number,
@@ -30,6 +31,20 @@ from flexgen.spec.keys import (
 from flexgen.spec.ports import c_name_problem
 from flexgen.spec.schema import table_schema
 from flexgen.spec.tables import IDENTIFIER, Table
+
+
+def _tool(position: Vector, rotation: Matrix, rpy: Matrix | None, element: str) -> Placement:
+    pose = position, rotation if rpy is None else rpy
+    return Tool(*pose, element) if element else Placement(*pose)
+
+
+_CARRIER = "the element that carries tool and payload; default: the last one"
+_TOOL = Format(
+    "tool frame, from the tip of the element that carries it",
+    (*robot.PLACEMENT.keys, Key("element", known(lambda here: [*here.names["element"]]), _CARRIER, default="")),
+    make=_tool,
+)
+
 
 # --- the file ---------------------------------------------------------------------------------------------------------
 
@@ -43,7 +58,7 @@ MODEL = Format(
     (
         Key("motor_coupling", choice("simplified", "complete"), _COMPLETE, default="simplified"),
         Key("element", listed(robot.ELEMENT), "the links, parents before their children", check=robot.check_size),
-        Key("tool", sub(robot.TOOL), _FLANGE, default=Tool()),
+        Key("tool", sub(_TOOL), _FLANGE, default=Placement()),
         Key("name", name(problem_of=c_name_problem), "name of the robot, the prefix of every C symbol"),
         Key("description", text(), "one line", default=""),
         Key("source", text(), "where the numbers come from", default=""),
@@ -95,6 +110,7 @@ URDF = Format(
         Key("file", text(), "path of the URDF file, relative to the folder of this file, or package://NAME/PATH"),
         Key("base", text(), "the link that is the ground"),
         Key("tip", text(), "the link that carries the tool"),
+        Key("branches", words(), "links at the ends of other branches", default=()),
         Key("lock", Type(_read_lock, _LOCK), f"{_FIXED}, or a list of joints fixed at zero", default=NOTHING),
         Key("drop", words(), "joints outside the chain, left out with all links behind them", default=()),
         _LIMITS,

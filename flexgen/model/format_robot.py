@@ -30,7 +30,6 @@ from flexgen.model.elements import (
     PiecewiseSpring,
     Placement,
     SmoothSpring,
-    Tool,
     Vector,
 )
 from flexgen.registry import added_names
@@ -128,18 +127,6 @@ PLACEMENT = Format(
     ),
     make=_placement,
     definition="placement",
-)
-
-
-def _tool(position: Vector, rotation: Matrix, rpy: Matrix | None, element: str) -> Tool:
-    return Tool(position, rotation if rpy is None else rpy, element)
-
-
-_CARRIER = "the element that carries tool and payload; default: the last one"
-TOOL = Format(
-    "tool frame, from the tip of the element that carries it",
-    (*PLACEMENT.keys, Key("element", known(lambda here: [*here.names["element"]]), _CARRIER, default="")),
-    make=_tool,
 )
 
 
@@ -436,16 +423,16 @@ def _check_name(table: Table, here: Context) -> None:
         raise table.fail("name", "another name (base is the ground)")
 
 
-def _parents(here: Context) -> list[str]:
-    """The base and the elements before this one."""
-    return [_BASE, *list(here.names["element"])[:-1]]
-
-
 ELEMENT = Format(
     "a link; parents before their children",
     (
         Key("name", name("element"), "name of the element", check=_check_name),
-        Key("parent", known(_parents), f'element that carries it, or "{_BASE}"; default: the one before', default=None),
+        Key(
+            "parent",
+            known(lambda here: [_BASE, *list(here.names["element"])[:-1]]),
+            f'element that carries it, or "{_BASE}"; default: the one before',
+            default=None,
+        ),
         Key("dof", listed(DOF, least=0), "degrees of freedom, in their order", default=()),
         Key("origin", sub(PLACEMENT), "from the tip of the parent", default=Placement()),
         Key("link", sub(PLACEMENT), "from the last degree of freedom to the body frame", default=Placement()),

@@ -86,7 +86,9 @@ class _Overlay:
         if self.every is not None:
             self.every.only(*_EVERY)
         self.links = self._tables("link", list(self.urdf.links), LINK.names)
-        self.ends = tuple(self._end(name) for name in ("base", "tip"))
+        named = [(key, self.table.text(key)) for key in ("base", "tip")]
+        named += [("branches", link) for link in URDF["branches"].read(self.table, Context())]
+        self.ends = tuple(self._end(key, link) for key, link in named)
 
     def _tables(self, kind: str, known: list[str], keys: Sequence[str]) -> dict[str, Table]:
         outer = self.top.table(kind)
@@ -104,18 +106,18 @@ class _Overlay:
     # --- the chain ----------------------------------------------------------------------------------------------------
 
     def chain(self) -> Chain:
-        """The chain from base to tip."""
-        base, tip = self.ends
+        """The chain from base to tip, and its branches."""
+        base, *tips = self.ends
         locked, dropped = self._read_locked(), self._read_dropped()
-        chain = find_chain(self.urdf, base, tip, locked, dropped, self._inertial)
+        chain = find_chain(self.urdf, base, tips, locked, dropped, self._inertial)
         moving = {segment.joint.name for segment in chain.segments}
-        for name in dropped & self._above(tip):
+        for name in (name for tip in tips for name in dropped & self._above(tip)):
             raise self.table.fail("drop", f"joints outside the chain ({show(name)} is part of it)")
         for name, table in self.joints.items():
             if name not in moving:
                 given = f"{show(name)}, which does not move"
                 raise table.fail(None, f"a moving joint of the chain: {among(name, sorted(moving))}", given)
-        named = {segment.link.name for segment in chain.segments} | {tip}
+        named = {segment.link.name for segment in chain.segments} | {tips[0]}
         for name, table in self.links.items():
             if "rename" in table and name not in named:
                 expected = (
@@ -139,8 +141,7 @@ class _Overlay:
             table = own or self.every
             self.joints[name] = Table(self.top.file, Entry(merge(default, entries), table.line, table.file), table.key)
 
-    def _end(self, name: str) -> str:
-        link = self.table.text(name)
+    def _end(self, name: str, link: str) -> str:
         if link not in self.urdf.links:
             raise self.table.fail(name, f"a link of {self.urdf.file}: {among(link, self.urdf.links)}")
         return link
@@ -186,16 +187,26 @@ class _Overlay:
 
     def elements(self, chain: Chain) -> list[Entry]:
         """An element for each moving joint, and one for the tip if it differs from the last moving link."""
-        out = [self._element(segment) for segment in chain.segments]
+        names = [self._name("link", segment.link.name) for segment in chain.segments]
+        out, end = [self._element(segment, names, k) for k, segment in enumerate(chain.segments)], chain.carrier
         origin = self._placement(chain.tip, self.table.entries["tip"].line, self.table.file)
         if origin is not None:
             tip = self.urdf.links[self.ends[1]]
-            out.append(self._here({"name": self._name("link", tip.name), "origin": origin}, tip.node.line))
+            parent = {} if end == len(out) - 1 else {"parent": names[end].value}
+            names, end = [*names, self._name("link", tip.name)], len(out)
+            out.append(self._here({"name": names[end], **parent, "origin": origin}, tip.node.line))
+        if end != len(out) - 1:  # branches follow the element that carries the tool
+            line, file = self.table.line, self.table.file
+            tool = self.top.entries.setdefault("tool", wrap({}, line, file))
+            if isinstance(tool.value, dict):
+                tool.value.setdefault("element", wrap(names[end].value, line, file))
         return out
 
-    def _element(self, segment: Segment) -> Entry:
+    def _element(self, segment: Segment, names: Sequence[Entry], k: int) -> Entry:
         line = segment.joint.node.line
-        value: dict[str, Any] = {"name": self._name("link", segment.link.name)}
+        value: dict[str, Any] = {"name": names[k]}
+        if segment.parent != k - 1:
+            value["parent"] = "base" if segment.parent < 0 else names[segment.parent].value
         origin = self._placement(segment.origin, line, self.urdf.file)
         if origin is not None:
             value["origin"] = origin

@@ -1,9 +1,9 @@
-"""Serial chain between two links of a URDF file: its moving joints and the bodies that they move."""
+"""The part of a URDF file between its base, its tip and the ends of other branches: moving joints and their bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,34 +20,43 @@ InertialOf = Callable[[Link], Inertial | None]
 class Segment:
     """A moving joint and the body that it moves.
 
-    ``origin``: pose of the joint in the link of the previous segment (in the base link for the first one). ``body``:
-    all links fixed to the child link, lumped, in the frame of the child; None if their mass is 0.
+    ``origin``: pose of the joint in the link of the segment ``parent`` (in the base link for -1). ``body``: all links
+    fixed to the child link, lumped, in the frame of the child; None if their mass is 0.
     """
 
     joint: Joint
     link: Link
     origin: Pose
-    body: Inertial | None
+    parent: int
+    body: Inertial | None = None
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Segments from the base to the tip, and the pose of the tip in the last link."""
+    """Segments in the order of the file, parents first; the pose of the tip in the link of segment ``carrier``."""
 
     segments: tuple[Segment, ...]
     tip: Pose
+    carrier: int
 
 
 def find_chain(
-    urdf: Urdf, base: str, tip: str, locked: Mapping[str, float], dropped: frozenset[str], inertial: InertialOf
+    urdf: Urdf,
+    base: str,
+    tips: Sequence[str],
+    locked: Mapping[str, float],
+    dropped: frozenset[str],
+    inertial: InertialOf,
 ) -> Chain:
-    """Find the chain from ``base`` to ``tip``.
+    """Find the chain from ``base`` to the first of the ``tips``, and the branches to the others.
 
     Parameters
     ----------
     urdf : Urdf
-    base, tip : str
-        Names of links; the base is the ground, and other branches at the base are ignored.
+    base : str
+        Name of the link that is the ground; other branches there are ignored.
+    tips : sequence of str
+        Names of links.
     locked : mapping
         Positions of joints that are fixed [rad or m].
     dropped : set
@@ -58,31 +67,36 @@ def find_chain(
     Raises
     ------
     ModelError
-        There is no such chain, or a joint outside the chain can move.
+        There is no such chain, or a joint outside of it can move.
     """
     segments: list[Segment] = []
-    joint, link, origin = None, urdf.links[base], identity_pose()
-    bodies: list[Inertial] = []
-    here = identity_pose()  # the current link, in the frame of the last moving link or of the base
-    path = _path(urdf, base, tip)
-    on_path = {step.name for step in path}
-    for step in path:
+    bodies: list[list[Inertial]] = []
+    on_path = {step.name for tip in tips for step in _path(urdf, base, tip)}
+    # the segment of each link, and the pose of the link in its frame
+    found: dict[str, tuple[int, Pose]] = {base: (-1, identity_pose())}
+    left = [joint for joint in urdf.joints.values() if joint.name in on_path]
+    while left:
+        step = next(joint for joint in left if joint.parent in found)
+        left.remove(step)
+        last, here = found[step.parent]
         if not step.movable or step.name in locked:
             here = here @ fixed_pose(urdf, step, locked)
         else:
-            if joint is not None:
-                segments.append(Segment(joint, link, origin, lump_bodies(bodies)))
-            joint, link = step, urdf.links[step.child]
-            origin, here, bodies = here @ urdf.origin(step), identity_pose(), []
             _check_type(urdf, step)
-        if joint is not None:
-            bodies += _collect_fixed(urdf, step.child, here, on_path, locked, dropped, inertial)
-    if joint is None:
-        line = urdf.links[tip].node.line
-        given = f"no moving joint between {show(base)} and {show(tip)}"
-        urdf.fail(line, key("link", tip), given, "a chain with at least one moving joint")
-    segments.append(Segment(joint, link, origin, lump_bodies(bodies)))
-    return Chain(tuple(segments), here)
+            segments.append(Segment(step, urdf.links[step.child], here @ urdf.origin(step), last))
+            bodies.append([])
+            last, here = len(segments) - 1, identity_pose()
+        if last >= 0:
+            bodies[last] += _collect_fixed(urdf, step.child, here, on_path, locked, dropped, inertial)
+        found[step.child] = last, here
+    for tip in tips:
+        if found[tip][0] < 0:
+            line = urdf.links[tip].node.line
+            given = f"no moving joint between {show(base)} and {show(tip)}"
+            urdf.fail(line, key("link", tip), given, "a chain with at least one moving joint")
+    carrier, pose = found[tips[0]]
+    whole = (replace(one, body=lump_bodies(own)) for one, own in zip(segments, bodies, strict=True))
+    return Chain(tuple(whole), pose, carrier)
 
 
 def lump_bodies(bodies: list[Inertial]) -> Inertial | None:
@@ -173,5 +187,6 @@ def _loose(urdf: Urdf, joint: Joint) -> ModelError:
     given = f"a {joint.type} joint outside the chain"
     expected = f"in the overlay [urdf] drop = [{show(joint.name)}] (omits the joint and all links behind it)"
     if joint.type in MOVING:
+        expected += f", branches = [{show(joint.child)}] (makes it a branch of the robot)"
         expected += f" or lock = {{ {bare(joint.name)} = 0.0 }} (fixes it at this position, its links are kept)"
     return ModelError(urdf.file, joint.node.line, key("joint", joint.name), given, expected)

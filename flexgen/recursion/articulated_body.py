@@ -48,7 +48,9 @@ class Articulated:
 
     def __add__(self, body: Inertia | Articulated) -> Articulated:
         if isinstance(body, Articulated):
-            return Articulated(*(add_matrices(*pair) for pair in ((self.J, body.J), (self.H, body.H), (self.M, body.M))))
+            return Articulated(
+                *(add_matrices(*pair) for pair in ((self.J, body.J), (self.H, body.H), (self.M, body.M)))
+            )
         m, (x, y, z), S = body.mass, body.first.tolist(), body.second.tolist()
         tensor = [[-x for x in row] for row in S]
         for i in (X, Y, Z):

@@ -29,9 +29,7 @@ class Composite:
     def __add__(self, other: Inertia | Composite) -> Composite:
         if isinstance(other, Inertia):
             other = Composite(other.mass, other.first.tolist(), other.second.tolist())
-        return Composite(
-            self.mass + other.mass, plus(self.first, other.first), add_matrices(self.second, other.second)
-        )
+        return Composite(self.mass + other.mass, plus(self.first, other.first), add_matrices(self.second, other.second))
 
     def shifted(self, p: Sequence[Scalar]) -> Composite:
         """The same body about a point relative to which its origin is at p."""
@@ -132,7 +130,7 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
         for i in chain.ancestors(j):
             force, moment = last.transfer_back(force, moment)
             if last.tilt is not None:
-                force, moment = steps[i].turned(force), steps[i].turned(moment)
+                force, moment = steps[i].turn_back(force), steps[i].turn_back(moment)
             M[i][j] = M[j][i] = moment[Z] if chain.joints[i].revolute else force[Z]
             last = steps[i]
         if joint.before >= 0:
@@ -156,7 +154,7 @@ class _Step:
 
     def in_shared_axes(self, own: Composite) -> Composite:
         """A body in the joint's axes, in shared axes."""
-        return Composite(own.mass, self.turned(own.first), rotate_in_plane(own.second, X, Y, *self.turn))
+        return Composite(own.mass, self.turn_back(own.first), rotate_in_plane(own.second, X, Y, *self.turn))
 
     def body_left(self, body: Composite) -> Composite:
         """A body in the axes of the joint before: shared ones, or its own."""
@@ -173,7 +171,7 @@ class _Step:
         force = tilt(self.tilt, force)
         return force, plus(tilt(self.tilt, moment), cross(self.way, force))
 
-    def turned(self, v: Vector3) -> Vector3:
+    def turn_back(self, v: Vector3) -> Vector3:
         """A vector of the joint's axes, in shared axes."""
         c, s = self.turn
         return [c * v[X] - s * v[Y], s * v[X] + c * v[Y], v[Z]]

@@ -196,7 +196,9 @@ def _transfer_back(
         body, momentum, moment = _move_moments(body, momentum, moment, out, velocity)
     body = Composite(body.mass, turn.back(body.first), rotate_back(turn, body.second))
     place = joint.place.tolist()
-    moved = _move_moments(body, turn.back(momentum), rotate_back(turn, moment), place, cross(moving[joint.before].w, place))
+    moved = _move_moments(
+        body, turn.back(momentum), rotate_back(turn, moment), place, cross(moving[joint.before].w, place)
+    )
     return _Beyond(*moved)
 
 

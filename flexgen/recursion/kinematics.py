@@ -49,7 +49,7 @@ def _rotate_about_z(turn: tuple[Scalar, Scalar], v: Sequence[Scalar]) -> Vector3
     return [c * v[X] - s * v[Y], s * v[X] + c * v[Y], v[Z]]
 
 
-def _tilted(joint: Joint, axes: Matrix) -> Matrix:
+def _tilt_axes(joint: Joint, axes: Matrix) -> Matrix:
     """Axes after the lead and the twist of a joint."""
     columns: list[Vector3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     return [combine_axes(axes, tilt(joint, column)) for column in columns]
@@ -66,7 +66,7 @@ def _groups(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> list[_Group]:
         joint, x = chain.joints[i], q[i]
         if joint.twist != (1.0, 0.0):
             group.place = joint.place.tolist()
-            group = _Group(group.end, _tilted(joint, group.turned))
+            group = _Group(group.end, _tilt_axes(joint, group.turned))
             groups.append(group)
             angle, quarters = 0.0, 0
         else:
@@ -118,8 +118,8 @@ def jacobian(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Matrix:
             else:
                 columns[i] = [*group.axes[Z], 0.0, 0.0, 0.0]
         if k > 0:
-            tilted, last = tilt(chain.joints[group.members[0][0]], to_tool), groups[k - 1]
-            to_tool = plus(last.step, _rotate_about_z(last.turn, plus(last.place, tilted)))
+            behind, last = tilt(chain.joints[group.members[0][0]], to_tool), groups[k - 1]
+            to_tool = plus(last.step, _rotate_about_z(last.turn, plus(last.place, behind)))
     return [list(row) for row in zip(*columns, strict=True)]
 
 
@@ -157,7 +157,7 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
         joint, x, speed, acceleration = chain.joints[i], q[i], v[i], a[i]
         ways.append(_differentiate_rotating(combine_axes(turned, joint.place.tolist()), w, dw))
         if joint.twist != (1.0, 0.0) or not lines:
-            axes = _tilted(joint, turned)
+            axes = _tilt_axes(joint, turned)
             angle, quarters = 0.0, 0
         line = _differentiate_rotating(axes[Z], w, dw)
         z, z1, z2 = line

@@ -38,6 +38,7 @@ from flexgen.model.elements import (
     Placement,
     RobotModel,
     SmoothSpring,
+    Tool,
 )
 from flexgen.model.reader import read
 
@@ -132,6 +133,10 @@ def model_of(name: str) -> RobotModel:
     """Models of the tests by name; others are files of the collection."""
     if name == "skew":
         return skew()
+    if name == "tree":
+        arm = anthropomorphic("complete")
+        tool = Tool(arm.tool.position, arm.tool.rotation, "upper")
+        return replace(arm, elements=(*arm.elements[:2], replace(arm.elements[2], parent="waist")), tool=tool)
     if name.startswith("arm-"):
         return anthropomorphic("complete" if "complete" in name else "simplified", "rigid" in name)
     return read(name)
@@ -143,7 +148,7 @@ def closed(name: str) -> SymbolicEquations:
 
 
 FILES = ["elbow", "elbow@rigid", "planar5_mp", "planar5_nmp"]
-SYNTHETIC = ["skew", "arm-simplified", "arm-complete", "arm-complete-rigid"]
+SYNTHETIC = ["skew", "tree", "arm-simplified", "arm-complete", "arm-complete-rigid"]
 
 
 def states(model: RobotModel, n: int = STATES):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +12,15 @@ from random_robots import Case
 from random_trees import trees
 from robot_checks import Found, check_mujoco, close
 
+import flexgen
+from flexgen.errors import ModelError
 from flexgen.mechanics.equations import derive
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
 from flexgen.recursion import dh_chain
 from flexgen.recursion.functions import _BUILDERS, arm_of, recursive_function
 
+ROOT = Path(__file__).resolve().parents[2]
 SAMPLE, ALL = 2, 40
 LARGEST = 1e-10  # of the largest entry of a result: recursion against Lagrange
 GIVEN = {"q_a": "q_a", "v_a": "v_a", "a_a": "a_a", "q_m": "q_m", "v_m": "v_m", "tau_m": "tau_m"}
@@ -102,3 +108,58 @@ def test_an_element_on_another_parent_is_found():
 
     with pytest.raises(AssertionError, match="found"):
         on_trees(check, 2)
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def two_arms() -> RobotModel:
+    """Two arms on a column, an elastic one, the tool on the first arm."""
+    return read(ROOT / "models" / "two_arm.toml")
+
+
+def same_functions(first: RobotModel, second: RobotModel) -> None:
+    """Equal inverse dynamics and tool pose at random states."""
+    a, b = derive(first), derive(second)
+    rng = np.random.default_rng(3)
+    q, v, dv = rng.uniform(-1, 1, (3, first.n_a))
+    assert [c.name for c in first.coordinates] == [c.name for c in second.coordinates]
+    for name, arguments in (("inverse_dynamics", (q, v, dv)), ("forward_kinematics", (q,)), ("sensors", (q, v, dv))):
+        if name == "sensors" and not first.sensors:
+            continue
+        for x, y in zip(a.function(name).call(arguments), b.function(name).call(arguments), strict=True):
+            close(name, np.array(x), np.array(y), 1e-12, 1e-12 + np.abs(np.array(y)).max())
+
+
+def test_a_tree_is_the_same_after_urdf_and_overlay(two_arms, tmp_path):
+    overlay = flexgen.export_urdf(two_arms, tmp_path / "two.urdf").details["overlay"]
+    assert 'branches = ["left2"]' in overlay.read_text()
+    again = read(overlay)
+    assert again.parents == two_arms.parents and again.tip == two_arms.tip
+    same_functions(two_arms, again)
+
+
+def test_a_tree_in_mujoco_moves_as_the_model(two_arms, tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    file = flexgen.export_mujoco(two_arms, tmp_path / "two.xml").path
+    m = mujoco.MjModel.from_xml_path(str(file))
+    d = mujoco.MjData(m)
+    q = np.random.default_rng(4).uniform(-1, 1, two_arms.n_a)
+    for coordinate, x in zip(two_arms.coordinates, q, strict=True):
+        d.joint(coordinate.name).qpos[0] = x
+    mujoco.mj_forward(m, d)
+    p, R = (np.array(x) for x in derive(two_arms).function("forward_kinematics")(q))
+    np.testing.assert_allclose(d.site("tool").xpos, p.ravel(), atol=1e-12)
+    np.testing.assert_allclose(d.site("tool").xmat.reshape(3, 3), R, atol=1e-12)
+
+
+def test_a_parent_that_comes_later_or_does_not_exist_is_refused(tmp_path):
+    text = (ROOT / "models" / "two_arm.toml").read_text()
+    for wrong in ("left2", "torsso"):
+        (tmp_path / "m.toml").write_text(text.replace('parent = "torso"', f'parent = "{wrong}"'))
+        with pytest.raises(ModelError, match=r"element\[5\].parent|element.left1.parent"):
+            read(tmp_path / "m.toml")
+    (tmp_path / "m.toml").write_text(text.replace('element = "right2"', 'element = "right3"'))
+    with pytest.raises(ModelError, match=r"tool.element.*right"):
+        read(tmp_path / "m.toml")

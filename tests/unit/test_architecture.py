@@ -58,6 +58,7 @@ FLOORS = {
     "progress": 0,
     "registry": 0,
     "results": 0,
+    "catalogue": 2,
     "file_schema": 2,
     "torque_curve": 0,
     "trajectory": 0,

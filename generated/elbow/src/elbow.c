@@ -50,7 +50,7 @@ const char *elbow_status_text(elbow_status status)
 
 const char *elbow_digest(void)
 {
-    return "b56740f0886051690ef62cb6555c1addac4d57dbfdb27e44be7794f06485ed43";
+    return "058201b9f8ec8e52d22d9a7611c68ad8f76ca445a11cdedad110ec64b6ef777b";
 }
 
 const char *elbow_interface(void)
