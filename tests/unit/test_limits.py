@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from inversion_cases import question
 from path_deviation import DEGREE, DeviationBasis, deviated_path
 from scipy.spatial.transform import Rotation
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import SolverError
+from flexgen.inversion import limits
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.numerics.evaluate import evaluate
+from flexgen.runtime.limited_inversion import LimitsInfeasibleError
 
 KEPT = 1e-3  # of a bound: what its corrections may leave
 NEAR = 0.1  # relative: the two ways weigh the deviation alike and smooth it differently
@@ -128,3 +133,27 @@ def test_a_pose_deviates_with_its_derivatives() -> None:
     spin = [(found[k + 1] * found[k - 1].inv()).as_rotvec() / (2 * step) for k in (1, 2, 3)]
     assert np.abs(spin[1] - turning[2, 3:]).max() < DIFFERENCE
     assert np.abs((turning[3, 3:] - turning[1, 3:]) / (2 * step) - rising[2, 3:]).max() < DIFFERENCE
+
+
+def test_infeasible_limits_name_the_end_of_the_motion_and_the_excess(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The samples reach half of the path and the support of a spline, 8 of 30 intervals of the path, beyond its end."""
+    asked = {}
+
+    def refuse(y: np.ndarray, *rest: np.ndarray, **given: object) -> None:
+        asked.update(given, samples=len(y))
+        raise LimitsInfeasibleError("", excess=0.0625)
+
+    problem = question("planar5_nmp")
+    duration, period = problem.path.duration, 1e-3
+    monkeypatch.setattr(limits, "inversion_library", lambda *_, **__: SimpleNamespace(invert_limited=refuse))
+    bounds = limits._Bounds(problem.equations, Limits((50.0, 50.0), (400.0, 400.0)))
+    unlimited = SimpleNamespace(period=period, n_pre=3, n_post=5)
+    after = 0.5 * duration + 8 * round(duration / 30 / period) * period
+    with pytest.raises(SolverError, match=f"ends {after:.3g} s after the path: a bound is exceeded by 0.062 of"):
+        limits._modify_path(problem, bounds, unlimited, 2, 1e-6)  # type: ignore[arg-type]
+    assert asked["knot_samples"] == round(duration / 30 / period) and asked["n_pre"] == 3 and asked["n_post"] == 5
+    before = problem.windows[0] + 8 * asked["knot_samples"] * period
+    assert asked["samples"] == pytest.approx((before + duration + after) / period + 1, abs=8.0)
+    with pytest.raises(SolverError):
+        limits._modify_path(problem, bounds, unlimited, 40, 1e-6)  # type: ignore[arg-type]
+    assert asked["knot_samples"] == 80  # two intervals of the mesh

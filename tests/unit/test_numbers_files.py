@@ -25,7 +25,7 @@ from flexgen.mechanics import statics
 from flexgen.mechanics.equations import derive
 from flexgen.model import format_robot, overlay, urdf
 from flexgen.model.elements import Beam, Bending, Body, Dof, Element, Placement, coordinates_of
-from flexgen.model.output_columns import output_labels
+from flexgen.model.output_columns import columns_in, output_labels, output_units, unit_of
 from flexgen.runtime import files
 from flexgen.spec import keys, number_edit, tables, toml_lines
 
@@ -396,3 +396,15 @@ def test_parameters_of_a_loop_are_one_row_or_one_for_each_lane() -> None:
     ):
         with pytest.raises(ArgumentError, match=r"parameters: given \(.*\), expected \(2,\), finite"):
             read(wrong, per_point)
+
+
+def test_units_of_an_output_are_those_of_its_coordinates_where_they_differ() -> None:
+    coordinates = (Made(unit="rad"), Made(unit="m"))
+    output = Made(type="combination", size=2, unit="mixed", weights=np.array([[0.5, -3.0], [2.0, 0.0]]))
+    gantry: Any = Made(output=output, coordinates=coordinates)
+    assert output_units(gantry) == ("m", "rad") and unit_of(gantry) == "m"
+    assert columns_in(gantry, "rad") == [1] and columns_in(gantry, "m") == [0]
+    angles: Any = Made(output=Made(type="combination", size=3, unit="rad"), coordinates=())
+    assert output_units(angles) == ("rad",) * 3 and unit_of(angles) == "rad" and columns_in(angles, "m") == []
+    for kind, size, width in (("tool_pose", 6, 3), ("tool_position", 2, 2)):
+        assert output_units(Made(output=Made(type=kind, size=size))) == ("m",) * width  # type: ignore[arg-type]

@@ -440,3 +440,25 @@ def test_the_dae_of_a_joint_move_has_the_coordinates_as_output() -> None:
     rows = np.array(dae.rows(x, np.zeros(dae.n_x), np.zeros(2))[0]).ravel()
     assert_allclose(rows[dae.output], x[list(dae.model.i_g)])
     assert_allclose(dae.target_at(x), x[list(dae.model.i_g)])
+
+
+def test_a_step_with_a_soft_output_weighs_its_error_by_the_softness(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dense: ``min x' H x / 2 + |e|^2 / (2 delta)`` on the linear equations of motion, about the point of the step."""
+    monkeypatch.setattr(discretized, "DELTA", 1e-2)
+    system = discretized._System(arm().problem, 0.25, 2, 0.0, 0.3)
+    chance = np.random.default_rng(5)
+    y, tau = system.start()
+    y, tau = y + 1e-2 * chance.normal(size=y.shape) * system.scale_y, tau + chance.normal(size=tau.shape)
+    error, output = system.errors(y)
+    A, H, cut = system.jacobian(y, tau, output).toarray(), system.hessian.toarray(), system.N * system.n
+    c = np.r_[(system.residual(y, tau) * system.row_scale).ravel(), error.ravel()]
+    offset = np.r_[((y - system.aim) / system.scale_y).ravel(), (tau / system.tau_0).ravel()]
+    scale = np.diag(1 / np.sqrt(1.0 + np.diag(H)))
+    dynamic, soft = A[:cut] @ scale, A[cut:] @ scale
+    curvature = scale @ H @ scale + soft.T @ soft / system.delta
+    slope = scale @ H @ offset + soft.T @ c[cut:] / system.delta
+    whole = np.block([[curvature, dynamic.T], [dynamic, np.zeros((cut, cut))]])
+    x = scale @ np.linalg.solve(whole, -np.r_[slope, c[:cut]])[: A.shape[1]]
+    found = system.step(y, tau)
+    assert_allclose(found[0].ravel(), (x[: y.size].reshape(y.shape) * system.scale_y).ravel(), rtol=1e-5, atol=1e-7)
+    assert_allclose(found[1].ravel(), (x[y.size :].reshape(tau.shape) * system.tau_0).ravel(), rtol=1e-5, atol=1e-6)
