@@ -30,7 +30,8 @@ COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!="
 COMPARED |= {ast.IsNot: "is", ast.In: "not in", ast.NotIn: "in"}
 COMPUTED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.MatMult: "*", ast.Pow: "*"}
 QUICK = "not slow and not full and not robots and not fuzz"  # `make test`
-STATED = ["tests/unit/test_stated_numbers.py", "tests/unit/test_stated_defaults.py", "tests/golden/test_public_face.py"]
+STATED = [f"tests/unit/test_{name}.py" for name in ("stated_numbers", "stated_defaults", "keys")]  # of pages
+STATED += ["tests/golden/test_public_face.py"]
 SILENT = {"strict", "frozen", "repr", "slots", "eq"}  # arguments that change no result
 MOST_TESTS, MOST_FILES, TIMEOUT_S = 40, 6, 240
 HITS = """import os
