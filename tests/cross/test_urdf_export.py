@@ -97,7 +97,7 @@ def rigid_difference(model: RobotModel, path: Path, count: int = 3) -> float:
         lifted = replace(model, payload=Body(), motor_coupling="simplified")
         ours = evaluate(flexgen.derive(lifted).function("inverse_dynamics"), q, v, a)[0][0][rows]
         worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(ours).max()))
-        tip = robot.getFrameId(flexgen.read(path.with_suffix(".toml")).elements[-1].name)
+        tip = robot.getFrameId(flexgen.read(path.with_suffix(".toml")).tip)
         pin.framesForwardKinematics(robot, data, theirs_q)
         base = pin.SE3(np.array(model.base.rotation), np.array(model.base.position))
         tool = base * data.oMf[tip] * pin.SE3(np.array(model.tool.rotation), np.array(model.tool.position))

@@ -158,8 +158,22 @@ class Cloud:
     shapes: dict[int, np.ndarray] = field(default_factory=dict)
 
 
+@dataclass
+class Tip:
+    """The end of an element."""
+
+    name: str
+
+
+@dataclass
+class Return:
+    """The next step begins at the end of this element, or at the base."""
+
+    name: str
+
+
 def chain_of(model: RobotModel) -> list:
-    """The steps of a model from the world to the tool."""
+    """The steps of a model from the world to the tool, branches included."""
 
     def fixed(placement: Placement) -> Fixed:
         return Fixed(np.array(placement.position), np.array(placement.rotation))
@@ -173,9 +187,11 @@ def chain_of(model: RobotModel) -> list:
         carried = [(j, m) for j, m in enumerate(model.motors) if m.carrier == carrier]
         return [Rotor(j, m.inertia, np.array(m.axis)) for j, m in carried]
 
-    steps: list = [fixed(model.base), *rotors("base")]
+    steps: list = [fixed(model.base), *rotors("base"), Tip("base")]
     i = 0
     for element in model.elements:
+        if element.parent is not None:
+            steps.append(Return(element.parent))
         steps.append(fixed(element.origin))
         for dof in element.dofs:
             steps.append(Joint(dof.type, np.array(dof.axis), {i: 1.0}))
@@ -185,7 +201,8 @@ def chain_of(model: RobotModel) -> list:
             cloud, tip = beam_steps(element.beam, i)
             steps += [cloud, *tip]
             i += sum(bending.modes for bending in element.beam.bendings)
-    return [*steps, mass(model.payload), fixed(model.tool)]
+        steps.append(Tip(element.name))
+    return [*steps, Return(model.tip), mass(model.payload), fixed(model.tool)]
 
 
 def beam_steps(beam: Beam, i: int) -> tuple[Cloud, list]:
@@ -256,10 +273,17 @@ class Referee:
         du = -np.array(self.model.gravity) if gravity else np.zeros(3)
         wrenches = []  # one for each step: force, moment about the world's origin, direct generalised forces
         frames = []
+        before, last, tips = [], -1, {}  # the step before each one; where branches begin
         tau_m = self.inertia * a_m
-        for step in self.steps:
+        for k, step in enumerate(self.steps):
             force, moment, direct = np.zeros(3), np.zeros(3), {}
+            if isinstance(step, Return):
+                last, R, p, w, dw, u, du = tips[step.name]
+            before.append(last)
+            last = k
             match step:
+                case Tip(name):
+                    tips[name] = k, R, p, w, dw, u, du
                 case Fixed(position, rotation):
                     r = R @ position
                     u = u + cross(w, r)
@@ -302,18 +326,17 @@ class Referee:
             wrenches.append((force, moment, direct))
             frames.append((R, p))
         tau = np.zeros(self.model.n_a)
-        force, moment = np.zeros(3), np.zeros(3)
-        for step, (R_k, p_k), (f, n, direct) in zip(
-            reversed(self.steps), reversed(frames), reversed(wrenches), strict=True
-        ):
+        behind = np.zeros((len(self.steps) + 1, 2, 3))  # force and moment; the last is of the world
+        for k in reversed(range(len(self.steps))):
+            step, (R_k, p_k), (f, n, direct), (force, moment) = self.steps[k], frames[k], wrenches[k], behind[k]
             if isinstance(step, Joint):
                 e = R_k @ step.axis  # a rotation leaves its own axis where it is
                 load = e @ (moment - cross(p_k, force)) if step.type == "rotation" else e @ force
-                for k, c in step.weights.items():
-                    tau[k] += c * load
-            for k, value in direct.items():
-                tau[k] += value
-            force, moment = force + f, moment + n
+                for i, c in step.weights.items():
+                    tau[i] += c * load
+            for i, value in direct.items():
+                tau[i] += value
+            behind[before[k]] += force + f, moment + n
         lift = -np.array(self.model.gravity) if gravity else np.zeros(3)
         return tau, tau_m, (p, R, np.concatenate([u, w]), np.concatenate([du - lift, dw]))
 
