@@ -63,6 +63,14 @@ def test_double_integrator_with_least_energy(tmp_path, scheme):
     assert np.abs(found.trajectory["tau_m"][:, 0] - exact).max() < 1e-7
     assert found.details["cost"] == pytest.approx(12 * INERTIA**2 * way**2 / T**3, rel=1e-9)
     assert found.plan_error_max < 1e-9
+    t, channels = found.trajectory.time, found.trajectory
+    assert t[0] == 0.0 and t[-1] == found.move.duration == T and found.intervals == 4 and len(t) == 4 * 10 + 1
+    s = t / T
+    motion = (way * (3 * s**2 - 2 * s**3), 6 * way / T * (s - s**2), 6 * way / T**2 * (1 - 2 * s))
+    for name, law in zip(("q_a", "v_a", "a_a"), motion, strict=True):
+        assert np.abs(channels[name][:, 0] - channels[name][0, 0] * (name == "q_a") - law).max() < 1e-7
+    assert found.residual_max_Nm < 1e-7 and found.residual_relative < 1e-7 and not found.warnings
+    assert (found.cpu_s > 0 and found.wall_s > 0) and found.method == "plan" and found.preactuation_s == 0.0
 
 
 def test_least_time_of_two_masses_is_the_closed_form():
@@ -88,6 +96,12 @@ def test_phases_find_the_switches_of_two_masses():
     assert durations[2] == pytest.approx(a, rel=1e-6)
     assert 1 + np.cos(w * T / 2) - 2 * np.cos(w * a) == pytest.approx(0.0, abs=1e-5)
     assert 10.0 / 0.047 * (T**2 / 4 - 2 * a**2) == pytest.approx(0.5, rel=1e-6)
+    t = found.trajectory.time
+    assert t[-1] == pytest.approx(T, rel=1e-12) and found.move.duration == t[-1] and found.intervals == 4 * 6
+    switches = np.cumsum(durations)[:3]
+    for k, (low, high) in enumerate(zip([0.0, *switches], [*switches, T], strict=True)):
+        inside = (t > low + 1e-9) & (t < high - 1e-9)
+        assert inside.any() and np.abs(found.trajectory["tau_m"][inside, 0] - 10.0 * (-1) ** k).max() < 1e-6
 
 
 @pytest.mark.slow
