@@ -9,6 +9,7 @@ import inspect
 import os
 import re
 import tempfile
+from enum import Enum
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -45,13 +46,21 @@ def scripts() -> str:
 
 
 def names() -> str:
-    """All public names; functions with their parameters."""
+    """All public names; functions, constructors and methods with their parameters and defaults."""
     lines = []
     for name in sorted(flexgen.__all__):
         what = getattr(flexgen, name)
-        function = inspect.isfunction(what)
-        lines.append(name + (str(inspect.signature(what)) if function else ""))
+        lines.append(name + _parameters(what))
+        if inspect.isclass(what):
+            own = {member: getattr(what, member) for member in sorted(vars(what)) if not member.startswith("_")}
+            lines += [f"{name}.{member}{_parameters(one)}" for member, one in own.items() if inspect.isroutine(one)]
     return "\n".join(lines) + "\n"
+
+
+def _parameters(what: Any) -> str:
+    """Parameters and defaults of a function or class; empty for values, errors, protocols and enums."""
+    kind = inspect.isclass(what) and (issubclass(what, Exception | Enum) or getattr(what, "_is_protocol", False))
+    return "" if kind or not callable(what) else str(inspect.signature(what))
 
 
 def results() -> str:
