@@ -65,7 +65,7 @@ def running(seconds: float | None) -> Iterator[Deadline]:
     deadline = Deadline(min(math.inf if seconds is None else seconds, math.inf if outer is None else outer.left))
     token = _current.set(deadline)
     try:
-        with _interrupts_recorded(deadline):
+        with interrupts_recorded(deadline):
             yield deadline
     finally:
         _current.reset(token)
@@ -97,8 +97,8 @@ def time_left() -> float:
 
 
 @contextmanager
-def _interrupts_recorded(deadline: Deadline) -> Iterator[None]:
-    """Within: Ctrl-C is recorded in the deadline, and its handler is called."""
+def interrupts_recorded(deadline: Deadline) -> Iterator[None]:
+    """Within: Ctrl-C is recorded in the deadline, and its handler is called: C++ may catch what that raises."""
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler) or threading.current_thread() is not threading.main_thread():
         yield

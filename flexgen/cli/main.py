@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import shlex
-import signal
 import sys
 import time
 import warnings
 from collections.abc import Iterator, Sequence
 from datetime import datetime
-from typing import Any, NoReturn
 
 from flexgen.atomic_files import follow_links
 from flexgen.errors import ArgumentError, FlexgenError, SolverError, message_of, printable
@@ -124,28 +123,6 @@ def _warnings_ignored() -> Iterator[None]:
         yield
 
 
-@contextlib.contextmanager
-def _interrupts_recorded() -> Iterator[list[int]]:
-    """Record Ctrl-C and raise KeyboardInterrupt: a solver in C++ may catch the exception and report a failure."""
-    interrupts: list[int] = []
-
-    def record(number: int, frame: Any) -> NoReturn:
-        interrupts.append(number)
-        raise KeyboardInterrupt
-
-    try:
-        if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-            raise ValueError
-        signal.signal(signal.SIGINT, record)
-    except ValueError:  # ignored, handled by the caller, or not in the main thread
-        yield interrupts
-        return
-    try:
-        yield interrupts
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
@@ -206,17 +183,18 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
     """Run the verb, print its result, return the exit status."""
     from flexgen.cli.result import check_outputs
     from flexgen.cli.verbs.check import implausible
+    from flexgen.deadline import Deadline, interrupts_recorded
     from flexgen.display import as_json
     from flexgen.reports.text_tables import fit_tables, terminal_width
 
     result, problem, status = None, "", SUCCESS
-    interrupts: list[int] = []
+    unlimited = Deadline(math.inf)
     try:
         with (
             fit_tables(terminal_width()),
             _output_to_stderr(),
             _warnings_ignored(),
-            _interrupts_recorded() as interrupts,
+            interrupts_recorded(unlimited),
         ):
             check_outputs(args)
             result = args.action(args, messages.progress)
@@ -224,12 +202,12 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
         status = result.failure if problem else SUCCESS
         problem += implausible(args) if problem else ""
     except BaseException as error:
-        interrupts += [signal.SIGINT] * isinstance(error, KeyboardInterrupt)
+        unlimited.interrupted |= isinstance(error, KeyboardInterrupt)
         if os.environ.get("FLEXGEN_DEBUG"):
             raise
         problem, status = _reason(error, args), FAILURE
         problem += implausible(args) if isinstance(error, SolverError) or _numerical(error) else ""
-    if interrupts:
+    if unlimited.interrupted:
         result = result if result is not None and result.interrupted else None
         problem, status = "interrupted" + ("; the result is the best so far" if result is not None else ""), INTERRUPTED
     for warning in result.warnings if result is not None else ():

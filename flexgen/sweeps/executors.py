@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import signal
-import threading
 from collections.abc import Callable, Generator, Iterable
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from itertools import islice
-from typing import Any
 
+from flexgen.deadline import Deadline, interrupts_recorded
 from flexgen.errors import SolverError
 from flexgen.sweeps.jobs import Rows, Shard, failed_row
 
@@ -21,11 +21,11 @@ Done = Generator[tuple[Shard, Rows], None, None]
 
 def in_process(shards: Iterable[Shard], work: Work) -> Done:
     """In this process, one shard after the other; Ctrl-C is kept where a solver in C++ catches it."""
-    with _Interrupts() as interrupts:
+    unlimited = Deadline(math.inf)
+    with interrupts_recorded(unlimited):
         for shard in shards:
             rows = work(shard)
-            if interrupts.noted:
-                raise KeyboardInterrupt
+            unlimited.check(f"shard {shard.number}")
             yield shard, rows
 
 
@@ -116,25 +116,3 @@ def _run_isolated(shard: Shard, work: Work) -> Rows:
     middle = len(shard.jobs) // 2
     halves = [_run_isolated(replace(shard, jobs=jobs), work) for jobs in (shard.jobs[:middle], shard.jobs[middle:])]
     return Rows(halves[0].results + halves[1].results, halves[0].times + halves[1].times)
-
-
-class _Interrupts:
-    """Records Ctrl-C and passes it to the previous handler; only in the main thread."""
-
-    def __enter__(self) -> _Interrupts:
-        self.noted = False
-        self._other: Any = None
-        if threading.current_thread() is threading.main_thread():
-            other = signal.getsignal(signal.SIGINT)
-            if callable(other):
-                self._other = other
-                signal.signal(signal.SIGINT, self._note)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._other is not None:
-            signal.signal(signal.SIGINT, self._other)
-
-    def _note(self, number: int, frame: Any) -> None:
-        self.noted = True
-        self._other(number, frame)
