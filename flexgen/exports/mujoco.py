@@ -29,13 +29,14 @@ from flexgen.exports.exported import Exported, exported
 from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refusal, with_friction
 from flexgen.exports.mujoco_forces import add_actuators, add_tendons
 from flexgen.exports.mujoco_inertia import principal, regroup
-from flexgen.exports.poses import chain, frame_about, pose_attributes, quaternion
+from flexgen.exports.poses import chain, frame_about, pose_attributes
 from flexgen.exports.xml_text import add, document, numbers
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, hold_joints, reach
 from flexgen.model.elements import Dof, LinearSpring, RobotModel
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
+from flexgen.paths.jets import quaternion
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from flexgen.model.elements import Placement
+from flexgen.paths.jets import quaternion
 
 
 def chain(first: Placement, second: Placement) -> Placement:
@@ -28,24 +29,6 @@ def frame_about(axis: np.ndarray) -> np.ndarray:
     x = x - (x @ axis) * axis
     x = x / np.linalg.norm(x)
     return np.column_stack([x, np.cross(axis, x), axis])
-
-
-def quaternion(R: np.ndarray) -> np.ndarray:
-    """The unit quaternion (w, x, y, z) of a rotation matrix, from its largest component (S. W. Shepperd, 1978)."""
-    trace = float(np.trace(R))
-    squares = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
-    k = int(np.argmax(squares))
-    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    if k == 0:
-        q = np.array([1.0 + trace, *skew])
-    else:
-        i = k - 1
-        q = np.zeros(4)
-        q[0] = skew[i]
-        q[1:] = R[i] + R[:, i]
-        q[k] = 1.0 + 2 * R[i, i] - trace
-    q = q / np.linalg.norm(q)
-    return q if q[0] >= 0.0 else -q
 
 
 def roll_pitch_yaw(R: np.ndarray) -> np.ndarray:
