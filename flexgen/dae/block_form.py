@@ -27,11 +27,6 @@ class BlockForm:
     surplus: tuple[tuple[int, ...], tuple[int, ...]]
     deficit: tuple[tuple[int, ...], tuple[int, ...]]
 
-    @property
-    def nonsingular(self) -> bool:
-        """Whether each row can be given a column of its own and the other way round."""
-        return not any(self.surplus + self.deficit)
-
 
 def block_form(pattern: np.ndarray) -> BlockForm:
     """The `BlockForm` of a pattern (rows, columns) of true and false."""

@@ -37,15 +37,6 @@ def output_orders(model: RobotModel, chosen: Sequence[str]) -> np.ndarray:
     return np.array([ANGLE] * model.n_m + [known[name] for name in check_channels(model, chosen)])
 
 
-def output_units(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
-    """Units of the outputs as accelerations."""
-    known: dict[str, str] = {}
-    for sensor in model.sensors:
-        unit = "rad/s^2" if sensor.unit in ("rad", "rad/s") else "m/s^2"
-        known |= dict.fromkeys(sensor.channels, unit)
-    return ("rad/s^2",) * model.n_m + tuple(known[name] for name in check_channels(model, chosen))
-
-
 def check_channels(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
     """The names of channels; ArgumentError for one that the model does not have."""
     known = channels(model)

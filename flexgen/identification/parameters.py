@@ -20,7 +20,7 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.identification.local_model import Drive, with_drive
 from flexgen.loop.controllers import Cascade
-from flexgen.mechanics.parameters import Parameter, select, with_values
+from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel
 
 PRIOR_SD = 2.0  # of the logarithm, about the start: so weak that only directions without information feel it
@@ -167,10 +167,6 @@ class ParameterVector:
             for name in unknown.tied:
                 out[name] = self._tied[name] * out[unknown.name] / unknown.start
         return out
-
-    def model_at(self, x: np.ndarray) -> RobotModel:
-        """The model with the values of x."""
-        return with_values(self.model, self.named(x))
 
     def drive_at(self, x: np.ndarray, drive: Drive) -> Drive:
         """The drive with the values of x."""

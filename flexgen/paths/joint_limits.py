@@ -21,6 +21,7 @@ REACHED = 1e-9  # error of the output that counts as solved
 FINER = 8  # subintervals between two instants
 JUMP = 1.0  # rad or m, longest step of Newton's method; a longer one may find another joint configuration
 SINGULAR = 1e-7  # smallest allowed ratio of the singular values of the output Jacobian
+SLACK = 1e-9  # rad or m: distance beyond a range that counts as rounding
 
 
 class InverseKinematics:
@@ -132,7 +133,7 @@ class InverseKinematics:
         return factor
 
 
-def beyond_range(robot: RobotModel, q_g: np.ndarray, slack: float = 1e-9) -> tuple[str, ...]:
+def beyond_range(robot: RobotModel, q_g: np.ndarray) -> tuple[str, ...]:
     """Sentences about the actuated coordinates (n, n_g) [rad or m] that leave their ranges of the model file."""
     out = []
     for k, i in enumerate(robot.i_g):
@@ -143,7 +144,7 @@ def beyond_range(robot: RobotModel, q_g: np.ndarray, slack: float = 1e-9) -> tup
         low, high = (-np.inf if dof.lower is None else dof.lower), (np.inf if dof.upper is None else dof.upper)
         beyond = np.maximum(low - q_g[:, k], q_g[:, k] - high)
         worst = int(np.argmax(beyond))
-        if beyond[worst] > slack:
+        if beyond[worst] > SLACK:
             out.append(
                 f"coordinate {dof.name} goes to {q_g[worst, k]:.4g} {coordinate.unit}, its range is {low:.4g} to "
                 f"{high:.4g} {coordinate.unit}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -31,19 +31,12 @@ class ResidualVibration:
     Parameters
     ----------
     equations : Equations
-    plants : mapping
-        Changes of the robots, see `flexgen.loop.plants`; default: stiffness 10 % lower and higher.
     tell : callable
     """
 
-    def __init__(
-        self,
-        equations: Equations,
-        plants: Mapping[str, Mapping[str, float]] | None = None,
-        tell: Callable[[str], None] | None = None,
-    ) -> None:
+    def __init__(self, equations: Equations, tell: Callable[[str], None]) -> None:
         self.equations, self.model = equations, equations.model
-        self.plants = plants_of(self.model, PLANTS if plants is None else plants)
+        self.plants = plants_of(self.model, PLANTS)
         names = tuple(p.name for p in self.plants.parameters)
         self._library = library_with(self.model, ("forward_dynamics",), parameters=names, per_point=True, progress=tell)
         self._local = LocalDynamics(derive(self.model, names))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -71,7 +72,6 @@ class TimeSearch:
         rate = np.abs(np.gradient(tau, default.trajectory.time, axis=0)).max(axis=0)
         self._rate = np.full(model.n_m, np.inf) if torque_rate is None else torque_rate * rate
         self.swings = vibration
-        self._vibration: ResidualVibration | None = None
         self.programs = self.inversions = 0
 
     def _limits(self, default: Solution, given: Limits | None) -> Limits:
@@ -134,10 +134,12 @@ class TimeSearch:
         self._found = found
         return np.concatenate(values)
 
+    @cached_property
+    def _vibration(self) -> ResidualVibration:
+        return ResidualVibration(self._reduction.equations, self.tell)
+
     def swing(self, x: np.ndarray) -> np.ndarray:
         """Vibration after the path of the last inversion over the allowed one (k,)."""
-        if self._vibration is None:
-            self._vibration = ResidualVibration(self._reduction.equations, tell=self.tell)
         values = self._vibration(trajectory_of(self._found, 0.0, self.model.name), float(x[0]))
         return np.nan_to_num(values.ravel() / (self.swings or 1.0), nan=1e3)
 
@@ -155,11 +157,9 @@ class TimeSearch:
 
     def vibrations(self, solution: Solution) -> dict[str, float]:
         """Largest vibration after the path of robots with less and more stiffness [m]."""
-        measure = self._vibration or ResidualVibration(self._reduction.equations, tell=self.tell)
-        self._vibration = measure
-        swings = measure(solution.trajectory, float(solution.move.duration))
+        swings = self._vibration(solution.trajectory, float(solution.move.duration))
         sizes = np.linalg.norm(swings, axis=2).max(axis=1)
-        return dict(zip(measure.plants.names, map(float, sizes), strict=True))
+        return dict(zip(self._vibration.plants.names, map(float, sizes), strict=True))
 
     def excess(self, x: np.ndarray) -> float:
         """Largest excess of a limit, relative."""

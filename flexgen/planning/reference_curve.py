@@ -33,12 +33,6 @@ def path_by_parameter(path: Path) -> tuple[Path, float]:
     return by_length, length
 
 
-def parameter_at(path: Path, t: np.ndarray) -> np.ndarray:
-    """The path parameter, 0 to 1, at instants of the path's own time law."""
-    law = path.segments[0].law
-    return np.asarray(law(np.asarray(t, float), 0)[:, 0] / law(np.array([1e9]), 0)[0, 0])
-
-
 def targets_at(path: Path, s: np.ndarray) -> np.ndarray:
     """Targets (k, n_t) of the output at path parameters ``s`` (k,)."""
     by_length, length = path_by_parameter(path)

@@ -228,10 +228,10 @@ def rotation_before(joint: Joint) -> np.ndarray:
     return out
 
 
-def snap(x: np.ndarray, scale: float = 1.0, tolerance: float = ROUNDING) -> np.ndarray:
-    """An array with entries below ``tolerance * scale`` set to zero, and entries that near to ``scale`` set to it."""
-    out = np.where(np.abs(x) <= tolerance * scale, 0.0, x)
-    return np.where(np.abs(np.abs(out) - scale) <= tolerance * scale, np.sign(out) * scale, out)
+def snap(x: np.ndarray, scale: float = 1.0) -> np.ndarray:
+    """An array with entries below ``ROUNDING * scale`` set to zero, and entries that near to ``scale`` set to it."""
+    out = np.where(np.abs(x) <= ROUNDING * scale, 0.0, x)
+    return np.where(np.abs(np.abs(out) - scale) <= ROUNDING * scale, np.sign(out) * scale, out)
 
 
 def _split_rotation(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:

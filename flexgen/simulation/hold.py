@@ -179,10 +179,6 @@ class PolynomialTorque(TorqueCommand):
         """The torque (k, n_m) at instants (k,) [s]; at an edge that of the interval that begins there."""
         return np.asarray(self.curve(np.clip(instants, self.time[0], self.time[-1])))
 
-    def ripple(self, instant: float, curve: object) -> np.ndarray:
-        """No ripple: the motion is that under this torque."""
-        return np.zeros(self.values.shape[1])
-
     def trajectory(self) -> Trajectory:
         """Samples of the polynomials as a trajectory with the channel ``tau_m``; ``meta`` has their degree."""
         share = np.arange(SAMPLES) / SAMPLES

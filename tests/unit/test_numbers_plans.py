@@ -19,7 +19,6 @@ from flexgen.identification.experiments import plan as plans
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.optimal_spectrum import optimal_power, with_optimal_spectrum
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.outputs import output_units
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.controllers import Cascade
 from flexgen.mechanics.statics import hold_joints
@@ -100,9 +99,6 @@ def test_noise_of_outputs_has_the_power_of_its_kind() -> None:
         model,
     )
     assert_allclose(quiet[:, 0, 0].real, 4 / samples * 1e-24 * w**4)
-    units = output_units(model, plan.sensors)
-    kinds = {"acc": "m/s^2", "rate": "rad/s^2", "seen": "m/s^2", "link": "rad/s^2"}
-    assert units == ("rad/s^2",) * 2 + tuple(kinds[name.partition(".")[0]] for name in plan.sensors)
 
 
 def test_information_is_that_of_differences_of_the_responses() -> None:

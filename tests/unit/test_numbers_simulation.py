@@ -77,7 +77,6 @@ def test_polynomial_torques_jump_at_the_ends_of_their_intervals(tmp_path: Any) -
         (1.0, 2.0, 1.5, [5.5, -0.5]),
     ):
         assert_allclose(torque.between(begin, end)(at), expected)
-    assert_array_equal(torque.ripple(0.1, None), [0.0, 0.0])
     made = torque.trajectory()
     assert len(made.time) == 2 * SAMPLES + 1 and made.meta["torque_degree"] == 1 and made.meta["torque"] == "limited"
     again = hold.command_in(made.time, made["tau_m"], LABELS, {**made.meta, "move": "line", "other": 1})

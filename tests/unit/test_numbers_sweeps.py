@@ -414,11 +414,12 @@ def test_rows_and_scales_of_the_dae_at_an_equilibrium() -> None:
 def test_block_forms_of_small_patterns() -> None:
     upper = np.array([[1, 1, 0], [0, 1, 1], [0, 0, 1]], bool)
     form = block_form.block_form(upper)
-    assert form.blocks == (((2,), (2,)), ((1,), (1,)), ((0,), (0,))) and form.nonsingular
+    assert form.blocks == (((2,), (2,)), ((1,), (1,)), ((0,), (0,)))
+    assert not any(form.surplus + form.deficit)
     loop = np.array([[1, 1, 0], [1, 1, 0], [1, 0, 1]], bool)
     assert block_form.block_form(loop).blocks == (((0, 1), (0, 1)), ((2,), (2,)))
     tall = block_form.block_form(np.array([[1, 0], [1, 0], [0, 1]], bool))
-    assert tall.surplus == ((0, 1), (0,)) and tall.blocks == (((2,), (1,)),) and not tall.nonsingular
+    assert tall.surplus == ((0, 1), (0,)) and tall.blocks == (((2,), (1,)),)
     wide = block_form.block_form(np.array([[1, 1, 0], [0, 0, 1]], bool))
     assert wide.deficit == ((0,), (0, 1)) and wide.blocks == (((1,), (2,)),)
     none = block_form.block_form(np.zeros((2, 1), bool))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexgen.errors import ArgumentError
@@ -129,8 +128,3 @@ def struct(block: Block) -> str:
         for v in variables:
             text += f"    {C_TYPES[v.type]} {v.name}{f'[{v.size}]' if v.size else ''};\n"
     return f"{text}}} {block.name.lower()};\n"
-
-
-def all_variables(block: Block) -> Sequence[Variable]:
-    """The variables in the order of the struct."""
-    return [v for _, variables in block.sections for v in variables]

@@ -34,6 +34,7 @@ from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path, PathSample
 
 STAGES = 3
+ITERATIONS = 100  # of IPOPT, at most
 DEFLECTION = 1e-2  # rad or m: the size of a deflection that matters, scales the unknowns
 RATE = 1.0  # rad/s or m/s
 BEFORE = 8  # samples at rest before the mesh, for the derivatives of a spline at its start
@@ -129,7 +130,6 @@ def collocate(
     *,
     stages: int = 3,
     progress: Progress | None = None,
-    max_iterations: int = 100,
 ) -> Collocated:
     """Solve the reduced problem on a mesh.
 
@@ -143,8 +143,6 @@ def collocate(
         Gauss points of an interval.
     progress : callable, optional
         Called with one line of text now and then.
-    max_iterations : int
-        Of IPOPT.
 
     Raises
     ------
@@ -183,7 +181,7 @@ def collocate(
         NonlinearProgram(x=x, cost=cost, g=g, jacobian=jacobian, hessian=hessian),
         guess / scale_x,
         progress=progress,
-        max_iterations=max_iterations,
+        max_iterations=ITERATIONS,
     )
     if not result.success:
         raise SolverError(

@@ -43,6 +43,7 @@ from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path
 
 STAGES = 5
+ITERATIONS = 300  # of IPOPT, at most
 SAMPLES = 10  # of an interval
 ERROR = 1e-4  # e_0: the tool error that costs one, rad, and m for each meter of reach, at most m
 SMOOTH = 1e-9  # rho: small, to smooth only what the path does not determine
@@ -92,7 +93,6 @@ def collocate_full(
     limits: Limits | None = None,
     *,
     progress: Progress | None = None,
-    max_iterations: int = 300,
 ) -> FullSolution:
     """Solve the optimal control problem on a mesh.
 
@@ -104,8 +104,6 @@ def collocate_full(
     limits : Limits, optional
     progress : callable, optional
         Called with one line of text now and then.
-    max_iterations : int
-        Of IPOPT.
 
     Raises
     ------
@@ -133,7 +131,7 @@ def collocate_full(
         guess / scales.x,
         bounds_x=_bounds_of_unknowns(model, mesh, slow, scales, bounds),
         progress=progress,
-        max_iterations=max_iterations,
+        max_iterations=ITERATIONS,
         tolerance=TOLERANCE,
     )
     if not result.success:
