@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from flexgen.analysis.second_order import motor_rows
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.outputs import output_map
@@ -63,12 +64,7 @@ def linearize(equations: Equations, rest: Equilibrium) -> LinearModel:
     symbol = equations.lagrangian.chain.q_a
     rate = evaluate(ca.Function("W", [symbol], [output_map(equations).rate]), rest.q_a)[0][0]
     W[:, : model.n_a] = rate.reshape(W.shape[0], model.n_a)  # a column comes back as a vector
-    C_m = np.zeros((model.n_m, model.dof))
-    C_m[:, list(model.i_g)] = model.eta
-    for k, j in enumerate(model.i_m):
-        C_m[j] = 0.0
-        C_m[j, model.n_a + k] = 1.0
-    return LinearModel(M, D, K, B, W, C_m)
+    return LinearModel(M, D, K, B, W, motor_rows(model))
 
 
 def poles(linear: LinearModel) -> np.ndarray:

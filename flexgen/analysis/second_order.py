@@ -36,12 +36,10 @@ def motor_inertias(
 def motor_rows(model: RobotModel) -> np.ndarray:
     """``C_m`` (n_m, n): motor angles from the coordinates ``y = (q_a, q_m of the motors behind elastic gears)``."""
     C = np.zeros((model.n_m, model.dof))
-    elastic = list(model.i_m)
-    for j in range(model.n_m):
-        if j in elastic:
-            C[j, model.n_a + elastic.index(j)] = 1.0
-        else:
-            C[j, list(model.i_g)] = model.eta[j]
+    C[:, list(model.i_g)] = model.eta
+    for k, j in enumerate(model.i_m):
+        C[j] = 0.0
+        C[j, model.n_a + k] = 1.0
     return C
 
 

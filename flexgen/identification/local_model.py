@@ -27,6 +27,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from flexgen.analysis.second_order import motor_rows
 from flexgen.errors import SolverError
 from flexgen.identification.outputs import OutputRows
 from flexgen.mechanics.equations import Equations
@@ -108,18 +109,8 @@ class LocalModel:
         self.model = model
         self.names = tuple(parameter.name for parameter in self.equations.parameters)
         self.values = np.array([parameter.value for parameter in self.equations.parameters])
+        self.motor_rows = motor_rows(model)
         self.outputs = OutputRows(self.equations, self.motor_rows, sensors)
-
-    @cached_property
-    def motor_rows(self) -> np.ndarray:
-        """``C_m`` (n_m, n): motor angles from y = (q_a, q_me)."""
-        model = self.model
-        rows = np.zeros((model.n_m, model.dof))
-        rows[:, list(model.i_g)] = model.eta
-        for k, j in enumerate(model.i_m):
-            rows[j] = 0.0
-            rows[j, model.n_a + k] = 1.0
-        return rows
 
     @cached_property
     def springs(self) -> tuple[tuple[Spring, np.ndarray], ...]:

@@ -324,10 +324,7 @@ class _Solver:
         for k in range(REFINEMENTS):
             full = self.base.copy()
             full[self.i_g] = q
-            p, R = self.library.forward_kinematics(full)
-            E = np.asarray(R) @ goal[3:].reshape(3, 3).T
-            turn = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
-            e = np.concatenate([(p - goal[:3]) / self.length, turn])
+            e = self._error(goal, full)
             U, sizes, V = np.linalg.svd(self._jacobian(q))
             family = bool(sizes[-1] < FAMILY * sizes[0])
             rank = 6 - (family or k >= REFINEMENTS - POLISHED)
@@ -375,6 +372,13 @@ class _Solver:
         parts = arm_parts(J) if self.rotary.all() else {}
         return Configuration(placed, error, inside, branch, float(singular[-1] / singular[0]), parts)
 
+    def _error(self, goal: np.ndarray, full: np.ndarray) -> np.ndarray:
+        """Position over the length of the arm, and the sine of the turn times its axis, (6,)."""
+        p, R = self.library.forward_kinematics(full)
+        E = np.asarray(R) @ goal[3:].reshape(3, 3).T
+        turn = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
+        return np.concatenate([(p - goal[:3]) / self.length, turn])
+
     def _miss(self, goal: np.ndarray, full: np.ndarray) -> float:
         p, R = self.library.forward_kinematics(full)
         distance = float(np.linalg.norm(p - goal[:3])) / self.length
@@ -409,10 +413,7 @@ class _Solver:
         q, at = q.copy(), self._at
         for _ in range(SAG_STEPS):
             full = self._solve_deflections(q)
-            p, R = self.library.forward_kinematics(full)
-            E = R @ goal[3:].reshape(3, 3).T
-            turn = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
-            e = np.concatenate([(p - goal[:3]) / self.length, turn])
+            e = self._error(goal, full)
             if np.abs(e).max() < 1e-13:
                 break
             J = np.asarray(self.library.jacobian(full))[:, self.free].copy()

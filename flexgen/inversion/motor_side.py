@@ -10,6 +10,7 @@ first-order equation, which starts at rest, and p'' needs tau_g' only.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -50,14 +51,18 @@ def motor_motion(
     tau_g : array (n, n_g, 3)
         Gear torque on the arm side and its first two time derivatives [N m, N m/s, N m/s^2].
     """
-    model = equations.model
-    i_g = list(model.i_g)
+    i_g = list(equations.model.i_g)
     p, dp, ddp = deflections(equations, t, tau_g)
-    theta = [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp]
+    return motors_behind(equations, [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp], tau_g[:, :, 0])
+
+
+def motors_behind(equations: Equations, theta: Sequence[np.ndarray], tau_g: np.ndarray) -> MotorMotion:
+    """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n, n_g)."""
+    model = equations.model
     q_m, v_m, a_m = (x @ model.eta.T for x in theta)
     friction = evaluate(equations.function("motor_friction"), v_m)[0].reshape(v_m.shape)
     inertia = np.array([motor.inertia for motor in model.motors])
-    tau_m = inertia * a_m + friction + np.linalg.solve(model.eta.T, tau_g[:, :, 0].T).T
+    tau_m = inertia * a_m + friction + np.linalg.solve(model.eta.T, tau_g.T).T
     return MotorMotion(q_m, v_m, a_m, tau_m)
 
 

@@ -102,22 +102,23 @@ class LawMotion:
     def _acceleration(self) -> BSpline:
         return make_interp_spline(self.trajectory.time, self.trajectory["a_a"], k=5)
 
+    def _clip(self, ahead_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """The samples of the loop, ``ahead_s`` later, within the trajectory (n,), and whether they were (n, 1)."""
+        time = self.reference.time + ahead_s
+        inside = np.clip(time, *self.trajectory.time[[0, -1]])
+        return inside, (inside == time)[:, None]
+
     def arm(self, ahead_s: float) -> np.ndarray:
         """``q, v, a, j, s`` (n, 5, n_a) of the planned arm at the samples of the loop, ``ahead_s`` later."""
-        time = self.reference.time + ahead_s
-        first, last = float(self.trajectory.time[0]), float(self.trajectory.time[-1])
-        inside = np.clip(time, first, last)
-        moving = ((time >= first) & (time <= last))[:, None]
+        inside, moving = self._clip(ahead_s)
         found, spline = self.trajectory.at(inside), self._acceleration
         rates = [found["v_a"], found["a_a"], spline(inside, 1), spline(inside, 2)]
         return np.stack([found["q_a"], *(np.where(moving, x, 0.0) for x in rates)], axis=1)
 
     def motors(self, ahead_s: float = 0.0) -> np.ndarray:
         """``q_m, v_m`` (n, 2, n_m) of the planned motion at the samples."""
-        time = self.reference.time + ahead_s
-        first, last = float(self.trajectory.time[0]), float(self.trajectory.time[-1])
-        found = self.trajectory.at(np.clip(time, first, last))
-        moving = ((time >= first) & (time <= last))[:, None]
+        inside, moving = self._clip(ahead_s)
+        found = self.trajectory.at(inside)
         return np.stack([found["q_m"], np.where(moving, found["v_m"], 0.0)], axis=1)
 
     def difference(self, x: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ from scipy.interpolate import make_interp_spline
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.motor_side import MotorMotion, motor_motion
+from flexgen.inversion.motor_side import MotorMotion, motor_motion, motors_behind
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Motion, Reduction
 from flexgen.inversion.status import Status
@@ -93,12 +93,8 @@ def stiff_motion(reduction: Reduction, path: Path, t: np.ndarray) -> Motion:
 
 def stiff_motors(equations: Equations, motion: Motion) -> MotorMotion:
     """Motion of the motors behind stiff gears."""
-    model = equations.model
-    q_m, v_m, a_m = (x[:, list(model.i_g)] @ model.eta.T for x in (motion.q, motion.v, motion.a))
-    friction = evaluate(equations.function("motor_friction"), v_m)[0].reshape(v_m.shape)
-    inertia = np.array([motor.inertia for motor in model.motors])
-    tau_m = inertia * a_m + friction + np.linalg.solve(model.eta.T, motion.tau_g[:, :, 0].T).T
-    return MotorMotion(q_m, v_m, a_m, tau_m)
+    i_g = list(equations.model.i_g)
+    return motors_behind(equations, [x[:, i_g] for x in (motion.q, motion.v, motion.a)], motion.tau_g[:, :, 0])
 
 
 def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: int = 0) -> Motion:
