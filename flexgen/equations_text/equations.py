@@ -241,6 +241,11 @@ def _check_small(model: RobotModel) -> None:
         raise ArgumentError(
             f"symbolic: given a model with beams ({', '.join(beams)}), expected rigid bodies; {numeric}"
         )
+    passive = [dof.name for element in model.elements for dof in element.dofs if dof.mimic]
+    if passive:
+        raise ArgumentError(
+            f"symbolic: given a model with axes moved by mechanisms ({', '.join(passive)}), expected none; {numeric}"
+        )
     balanced = [c.name for c in model.coordinates if c.dof is not None and c.dof.counterbalance]
     if balanced:
         raise ArgumentError(

@@ -70,8 +70,9 @@ def check_laws(model: RobotModel, dry: bool) -> None:
                 given = "a spring with a smooth dead band"
                 raise refusal(model, key, given, "a linear, cubic, smooth or piecewise spring")
             _check_friction(model, f"{here}.friction", dof.friction, dry)
-            if dof.counterbalance:
-                raise refusal(model, f"{here}.counterbalance", "a counterbalance", "none")
+            for key in ("mimic", "counterbalance"):
+                if getattr(dof, key):
+                    raise refusal(model, f"{here}.{key}", f"a {key}", "none")
     for motor in model.motors:
         _check_friction(model, f"motor.{motor.name}.friction", motor.friction, dry)
 

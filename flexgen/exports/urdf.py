@@ -305,7 +305,8 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
             lines += [f"{key} = {toml(value)}" for key, value in table.items()]
         if _reduced(step.body):
             lines += ["", f"[link.{step.link}]", "inertia_reduced = true"]
-    shifts = {element.name: _shift(element) for element in model.elements}
+    # the body frame in the frame of the link of the URDF file
+    shifts = {e.name: np.array(e.link.rotation).T @ np.array(e.link.position) for e in model.elements}
     fixed = {step.link for step in steps if step.dof is None}
     for kind, tables in (
         ("motor", [write(MOTOR, motor) for motor in model.motors]),
@@ -319,11 +320,6 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
                 raise ModelError(model.file, 0, f"{kind}.{table['name']}", given, "for URDF a moving element")
             lines += ["", f"[[{kind}]]", *(f"{key} = {toml(value)}" for key, value in table.items())]
     return "\n".join(lines) + "\n"
-
-
-def _shift(element: Element) -> np.ndarray:
-    """The body frame in the frame of the link of the URDF file."""
-    return np.array(element.link.rotation).T @ np.array(element.link.position)
 
 
 def _reduced(body: Body) -> bool:

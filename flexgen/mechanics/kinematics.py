@@ -189,14 +189,16 @@ def kinematics(model: RobotModel) -> Kinematics:
     spin, frames = {"base": ca.SX.zeros(3)}, {}
     modal: list[tuple[int, ModalBeam]] = []
     points = {("base", 0): frame.p}
-    i = 0
+    i, at = 0, {coordinate.name: k for k, coordinate in enumerate(model.coordinates)}
     for element in model.elements:
         frame = place(tips[model.parents[element.name]], element.origin)
         points[element.name, 0] = frame.p
         for dof in element.dofs:
-            step = _turn if dof.type == "rotation" else _slide
-            frame = step(frame, np.array(dof.axis), q_a[i], v_a[i])
-            i += 1
+            step, moved = _turn if dof.type == "rotation" else _slide, dict(dof.mimic)
+            if not moved:
+                moved, i = {dof.name: 1.0}, i + 1
+            q, v = (sum(factor * x[at[name]] for name, factor in moved.items()) for x in (q_a, v_a))
+            frame = step(frame, np.array(dof.axis), q, v)
         points[element.name, 1] = frame.p
         frame = place(frame, element.link)
         points[element.name, 2] = frame.p

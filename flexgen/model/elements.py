@@ -116,7 +116,8 @@ class Gear:
 class Dof:
     """One degree of freedom: rotation about, or translation along, a unit axis of the preceding frame.
 
-    Exactly one of ``gear`` (actuated) and ``spring`` (non-actuated) is given. ``friction`` acts on the arm side.
+    Exactly one of ``gear`` (actuated), ``spring`` (non-actuated) and ``mimic`` is given; with ``mimic``, pairs (name,
+    factor) of coordinates, ``q = sum factor q_name``: a mechanism, whose moments act on those. ``friction``: arm side.
     ``counterbalance``: pairs (s_k, c_k) [N m] of the torque ``sum_k s_k sin(k q) + c_k cos(k q)``, k = 1, 2, ..., that
     acts on a rotation, as of a gas spring or a weight between it and the element before.
     ``lower``, ``upper`` [rad or m] and ``speed_max`` [rad/s or m/s] and ``acceleration_max`` are limits; None: no
@@ -135,6 +136,7 @@ class Dof:
     speed_max: float | None = None
     acceleration_max: float | None = None
     counterbalance: tuple[tuple[float, float], ...] = ()
+    mimic: tuple[tuple[str, float], ...] = ()
 
     @property
     def actuated(self) -> bool:
@@ -258,7 +260,7 @@ def coordinates_of(elements: Sequence[Element]) -> tuple[Coordinate, ...]:
     """The arm coordinates of some elements, in their order."""
     out: list[Coordinate] = []
     for element in elements:
-        for dof in element.dofs:
+        for dof in (dof for dof in element.dofs if not dof.mimic):
             unit = "rad" if dof.type == "rotation" else "m"
             out.append(Coordinate(dof.name, unit, dof.actuated, element.name, dof))
         for bending in element.beam.bendings if element.beam is not None else ():

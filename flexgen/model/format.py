@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flexgen.model import format_robot as robot
-from flexgen.model.elements import Body, Matrix, Placement, Tool, Vector
+from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placement, Tool, Vector
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
@@ -26,9 +26,10 @@ from flexgen.spec.keys import (
     sub,
     text,
     vector,
+    whole,
     words,
 )
-from flexgen.spec.ports import c_name_problem
+from flexgen.spec.ports import c_name_problem, identifier_problem
 from flexgen.spec.schema import table_schema
 from flexgen.spec.tables import IDENTIFIER, Table
 
@@ -46,6 +47,86 @@ _TOOL = Format(
 )
 
 
+# --- elements ---------------------------------------------------------------------------------------------------------
+
+
+def _check_direction(table: Table, here: Context) -> None:
+    if any(other.direction == here.values["direction"] for other in here.before):
+        raise table.fail("direction", "each direction at most once")
+
+
+def _name_modes(table: Table, here: Context) -> None:
+    """Add the names of modal coordinates; ModelError where one cannot be a name."""
+    taken, element = here.names["coordinate"], list(here.names["element"])[-1]
+    for k in range(here.values["modes"]):
+        name = f"{element}_{here.values['direction']}{k + 1}"
+        problem = "a name that is not taken yet" if name in taken else identifier_problem(name)
+        if problem is not None:
+            raise table.fail("modes", problem, f"a modal coordinate {name}")
+        taken[name] = table
+
+
+def _check_ratio(table: Table, here: Context) -> None:
+    if here.values["damping_ratio"] >= 1.0:
+        raise table.fail("damping_ratio", "a number >= 0 and below 1")
+
+
+BENDING = Format(
+    "bending",
+    (
+        Key("direction", choice("y", "z"), "axis of the deflection, across the beam", check=_check_direction),
+        Key("modes", whole(1, 8), "number of modes", check=_name_modes),
+        Key("damping_ratio", number(least=0.0), "damping ratio of each mode, below 1", "", 0.0, check=_check_ratio),
+        Key("stiffness", number(above=0.0), "flexural stiffness EI", "N m^2"),
+    ),
+    make=Bending,
+)
+BEAM = Format(
+    "slender elastic link, clamped at the body frame",
+    (
+        Key("length", number(above=0.0), "length along the x axis of the body", "m"),
+        Key("mass_per_length", number(above=0.0), "mass per length", "kg/m"),
+        Key("bending", listed(BENDING), "bending in one direction"),
+    ),
+    make=Beam,
+)
+
+
+_BASE = "base"
+
+
+def _check_name(table: Table, here: Context) -> None:
+    if here.values["name"] == _BASE:
+        raise table.fail("name", "another name (base is the ground)")
+
+
+ELEMENT = Format(
+    "a link; parents before their children",
+    (
+        Key("name", name("element"), "name of the element", check=_check_name),
+        Key(
+            "parent",
+            known(lambda here: [_BASE, *list(here.names["element"])[:-1]]),
+            f'element that carries it, or "{_BASE}"; default: the one before',
+            default=None,
+        ),
+        Key("dof", listed(robot.DOF, least=0), "degrees of freedom, in their order", default=()),
+        Key("origin", sub(robot.PLACEMENT), "from the tip of the parent", default=Placement()),
+        Key("link", sub(robot.PLACEMENT), "from the last degree of freedom to the body frame", default=Placement()),
+        Key("body", sub(robot.BODY), "rigid body, in the body frame", default=Body()),
+        Key("beam", sub(BEAM), BEAM.doc, default=None),
+    ),
+    make=Element,
+)
+
+
+def _check_size(table: Table, here: Context) -> None:
+    """Raise an error for a chain with too many coordinates."""
+    count = len(here.names["coordinate"])
+    if count > robot.COORDINATES_MAX:
+        raise table.fail("element", f"at most {robot.COORDINATES_MAX} coordinates", f"{count} coordinates")
+
+
 # --- the file ---------------------------------------------------------------------------------------------------------
 
 
@@ -57,7 +138,7 @@ MODEL = Format(
     "robot model of flexgen",  # keys in the order of reading
     (
         Key("motor_coupling", choice("simplified", "complete"), _COMPLETE, default="simplified"),
-        Key("element", listed(robot.ELEMENT), "the links, parents before their children", check=robot.check_size),
+        Key("element", listed(ELEMENT), "the links, parents before their children", check=_check_size),
         Key("tool", sub(_TOOL), _FLANGE, default=Placement()),
         Key("name", name(problem_of=c_name_problem), "name of the robot, the prefix of every C symbol"),
         Key("description", text(), "one line", default=""),
@@ -124,6 +205,7 @@ JOINT = Format(
         Key("rename", name(), robot.DOF.shared[0].doc, default=None),
         Key("gear", sub(robot.GEAR), "gear of the joint; default: rigid", default=None),
         Key("spring", sub(robot.JOINT_SPRING), "spring instead of a gear: no motor", default=None),
+        Key("mimic", any_table(), "factors of the coordinates that move it by a mechanism", default=None),
         robot.DAMPING,
         replace(robot.FRICTION, doc="instead of <dynamics>"),
         replace(robot.BALANCE, doc="torque by the angle, of a rotation"),
@@ -139,7 +221,7 @@ JOINT = Format(
 LINK = Format(
     "link of the URDF file",
     (
-        Key("rename", name(), robot.ELEMENT["name"].doc, default=None),
+        Key("rename", name(), ELEMENT["name"].doc, default=None),
         Key("body", sub(robot.BODY.without("rotational_drag")), "instead of <inertial>", default=None),
         Key("inertia_reduced", flag(), robot.REDUCED, default=False),
     ),

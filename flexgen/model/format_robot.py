@@ -17,12 +17,9 @@ from flexgen.model.elements import (
     NO_FRICTION,
     ZERO,
     BacklashSpring,
-    Beam,
-    Bending,
     Body,
     CubicSpring,
     Dof,
-    Element,
     Friction,
     Gear,
     LinearSpring,
@@ -40,18 +37,15 @@ from flexgen.spec.keys import (
     Kinds,
     Type,
     angle,
+    by_name,
     choice,
     direction,
     flag,
-    known,
-    listed,
     name,
     number,
     sub,
     vector,
-    whole,
 )
-from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import Table
 
 HARMONICS = 6  # of a counterbalance
@@ -310,16 +304,20 @@ COUNTERBALANCE = Format(
 )
 
 
+_WAYS = "either a gear (actuated), a spring (non-actuated) or mimic (a mechanism)"
+
+
 def _check_dof(table: Table, here: Context) -> None:
     """Raise an error for crossed limits, and for a joint that is not either actuated or elastic."""
     lower, upper = here.values["lower"], here.values["upper"]
     if lower is not None and upper is not None and lower >= upper:
         key = next(key for key in ("lower", "lower_rad", "lower_deg") if key in table)
         raise table.fail(key, "a lower limit below the upper one")
-    if "gear" in table and "spring" in table:
-        raise table.fail("spring", "either a gear (actuated) or a spring (non-actuated)", "both a spring and a gear")
-    if "gear" not in table and "spring" not in table:
-        raise table.fail("gear", "either a gear (actuated) or a spring (non-actuated)")
+    ways = [key for key in ("gear", "spring", "mimic") if key in table]
+    if len(ways) > 1:
+        raise table.fail(ways[1], _WAYS, f"both a {ways[1]} and a {ways[0]}")
+    if not ways:
+        raise table.fail("gear", _WAYS)
     if "gear" in table and "damping" in table:
         raise table.fail("damping", "the key damping inside the gear", "damping in addition to a gear")
 
@@ -337,9 +335,28 @@ RATES = (
 BALANCE = Key("counterbalance", sub(COUNTERBALANCE), "torque by the angle", default=())
 
 
+def _check_mimic(table: Table, here: Context) -> None:
+    """Raise an error for a mechanism without a coordinate, and for keys that it has not."""
+    if "mimic" in table and not here.values["mimic"]:
+        raise table.fail("mimic", "a factor for at least one coordinate")
+    for key in table.entries if "mimic" in table else ():
+        if key not in ("name", "type", "axis", "mimic"):
+            raise table.fail(key, f"no {key} together with mimic")
+
+
+def _moving(here: Context) -> list[str]:
+    """Coordinates before this one that are not moved by mechanisms."""
+    return [name for name, table in list(here.names["coordinate"].items())[:-1] if "mimic" not in table]
+
+
+_FACTORS = by_name(_moving)
+_MIMIC = replace(_FACTORS, read=lambda *given: tuple(_FACTORS.read(*given).items()), write=dict)
+
+
 def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
     gear = "gear between the coordinate and its motor: the coordinate is actuated"
     spring = "spring instead of a gear: the coordinate has no motor"
+    mimic = "moved by a mechanism, sum of factor times coordinates before it, no gear or spring"
     return Format(
         f"a {kind}",
         (
@@ -348,13 +365,14 @@ def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
             Key("axis", direction(), "direction of the axis, any length"),
             Key("gear", sub(GEAR), gear, default=None),
             Key("spring", sub(JOINT_SPRING), spring, default=None),
+            Key("mimic", _MIMIC, f"{mimic}: factors by name", _either("rad/rad"), default=(), check=_check_mimic),
             replace(DAMPING, unit=unit),
             FRICTION,
             *RATES,
             *more,
         ),
         make=Dof,
-        either={"gear": (), "spring": ("damping",)},
+        either={"gear": (), "spring": ("damping",), "mimic": ()},
     )
 
 
@@ -368,83 +386,3 @@ DOF = Kinds(
     definition="dof",
     typed=True,
 )
-
-
-# --- elements ---------------------------------------------------------------------------------------------------------
-
-
-def _check_direction(table: Table, here: Context) -> None:
-    if any(other.direction == here.values["direction"] for other in here.before):
-        raise table.fail("direction", "each direction at most once")
-
-
-def _name_modes(table: Table, here: Context) -> None:
-    """Add the names of modal coordinates; ModelError where one cannot be a name."""
-    taken, element = here.names["coordinate"], list(here.names["element"])[-1]
-    for k in range(here.values["modes"]):
-        name = f"{element}_{here.values['direction']}{k + 1}"
-        problem = "a name that is not taken yet" if name in taken else identifier_problem(name)
-        if problem is not None:
-            raise table.fail("modes", problem, f"a modal coordinate {name}")
-        taken[name] = table
-
-
-def _check_ratio(table: Table, here: Context) -> None:
-    if here.values["damping_ratio"] >= 1.0:
-        raise table.fail("damping_ratio", "a number >= 0 and below 1")
-
-
-BENDING = Format(
-    "bending",
-    (
-        Key("direction", choice("y", "z"), "axis of the deflection, across the beam", check=_check_direction),
-        Key("modes", whole(1, 8), "number of modes", check=_name_modes),
-        Key("damping_ratio", number(least=0.0), "damping ratio of each mode, below 1", "", 0.0, check=_check_ratio),
-        Key("stiffness", number(above=0.0), "flexural stiffness EI", "N m^2"),
-    ),
-    make=Bending,
-)
-BEAM = Format(
-    "slender elastic link, clamped at the body frame",
-    (
-        Key("length", number(above=0.0), "length along the x axis of the body", "m"),
-        Key("mass_per_length", number(above=0.0), "mass per length", "kg/m"),
-        Key("bending", listed(BENDING), "bending in one direction"),
-    ),
-    make=Beam,
-)
-
-
-_BASE = "base"
-
-
-def _check_name(table: Table, here: Context) -> None:
-    if here.values["name"] == _BASE:
-        raise table.fail("name", "another name (base is the ground)")
-
-
-ELEMENT = Format(
-    "a link; parents before their children",
-    (
-        Key("name", name("element"), "name of the element", check=_check_name),
-        Key(
-            "parent",
-            known(lambda here: [_BASE, *list(here.names["element"])[:-1]]),
-            f'element that carries it, or "{_BASE}"; default: the one before',
-            default=None,
-        ),
-        Key("dof", listed(DOF, least=0), "degrees of freedom, in their order", default=()),
-        Key("origin", sub(PLACEMENT), "from the tip of the parent", default=Placement()),
-        Key("link", sub(PLACEMENT), "from the last degree of freedom to the body frame", default=Placement()),
-        Key("body", sub(BODY), "rigid body, in the body frame", default=Body()),
-        Key("beam", sub(BEAM), BEAM.doc, default=None),
-    ),
-    make=Element,
-)
-
-
-def check_size(table: Table, here: Context) -> None:
-    """Raise an error for a chain with too many coordinates."""
-    count = len(here.names["coordinate"])
-    if count > COORDINATES_MAX:
-        raise table.fail("element", f"at most {COORDINATES_MAX} coordinates", f"{count} coordinates")

@@ -58,7 +58,9 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
     array (n_a, n_a) [kg m^2, kg m or kg]
     """
     R, p = np.array(model.base.rotation), np.array(model.base.position)
-    columns: dict[int, tuple[bool, np.ndarray, np.ndarray]] = {}  # of the Jacobian: rotary, axis, point
+    # of the Jacobian: for each joint its share of each coordinate, rotary, axis, point
+    columns: tuple[tuple[np.ndarray, bool, np.ndarray, np.ndarray], ...] = ()
+    names = [coordinate.name for coordinate in model.coordinates]
     M = np.zeros((model.n_a, model.n_a))
 
     def add_body(body: Body) -> None:
@@ -66,23 +68,24 @@ def mass_matrix(model: RobotModel, q_a: np.ndarray) -> np.ndarray:
             return
         com, inertia = p + R @ np.array(body.com), R @ np.array(body.inertia) @ R.T
         speed, spin = np.zeros((2, 3, model.n_a))
-        for i, (rotary, axis, point) in columns.items():
-            speed[:, i] = np.cross(axis, com - point) if rotary else axis
-            spin[:, i] = axis if rotary else 0.0
+        for share, rotary, axis, point in columns:
+            speed += np.outer(np.cross(axis, com - point) if rotary else axis, share)
+            spin += np.outer(axis if rotary else 0.0 * axis, share)
         M[:] += body.mass * speed.T @ speed + spin.T @ inertia @ spin
 
     def advance(placement: Placement) -> None:
         nonlocal R, p
         p, R = p + R @ np.array(placement.position), R @ np.array(placement.rotation)
 
-    tips, i = {"base": (R, p, columns)}, 0
+    tips = {"base": (R, p, columns)}
     for element in model.elements:
         R, p, columns = tips[model.parents[element.name]]
-        columns = dict(columns)
         advance(element.origin)
         for dof in element.dofs:
-            axis, value = np.array(dof.axis), q_a[i]
-            columns[i], i = (dof.type == "rotation", R @ axis, p), i + 1
+            axis, moved = np.array(dof.axis), dict(dof.mimic) or {dof.name: 1.0}
+            share = np.array([moved.get(name, 0.0) for name in names])
+            value = share @ q_a
+            columns = (*columns, (share, dof.type == "rotation", R @ axis, p))
             if dof.type == "rotation":
                 x, y, z = axis
                 cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

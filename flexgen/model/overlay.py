@@ -225,6 +225,9 @@ class _Overlay:
             "type": "rotation" if rotary else "translation",
             "axis": self.urdf.axis(joint),
         }
+        mimic = self._mimic(segment)
+        if mimic is not None:
+            return self._here(value | {"mimic": mimic}, joint.node.line)
         limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
         if limit is not None:
             unit = "_rad" if rotary else ""
@@ -243,6 +246,15 @@ class _Overlay:
                 if name in DOF.names and name in table:
                     value[name] = table.entries[name]
         return self._here(value, joint.node.line)
+
+    def _mimic(self, segment: Segment) -> Entry | None:
+        """Factors of the coordinates that move a joint by a mechanism: those of the overlay, else of the URDF file."""
+        table, found = self.joints.get(segment.joint.name), self.urdf.mimic(segment.joint)
+        if table is not None and "mimic" in table:
+            return table.entries["mimic"]
+        if found is None or (table is not None and ("gear" in table or "spring" in table)):
+            return None
+        return wrap({self._find_name("joint", found[1]): found[2]}, found[0], self.urdf.file)
 
     def _friction(self, segment: Segment) -> Entry | None:
         if not self.dynamics:
@@ -268,9 +280,11 @@ class _Overlay:
             joint, table = segment.joint, self.joints.get(segment.joint.name)
             own = table.table("motor") if table is not None else None
             name = self._find_name("joint", joint.name)
-            if table is not None and "spring" in table:
-                if own is not None:
-                    raise table.fail("motor", "either a motor or a spring (non-actuated)", "both a motor and a spring")
+            passive = self._mimic(segment) is not None
+            if passive or (table is not None and "spring" in table):
+                if table is not None and own is not None:
+                    way = "mimic" if passive else "spring"
+                    raise table.fail("motor", f"either a motor or a {way} (non-actuated)", f"both a motor and a {way}")
                 continue
             count += 1
             if name in driven:
@@ -324,7 +338,8 @@ class _Overlay:
             out["name"] = self.urdf.name
         out["description"] = f"from {show(self.ends[0])} to {show(self.ends[1])} of {Path(file).name}"
         out["gravity"] = [0.0, 0.0, -9.81]
-        actuated = [s for s in chain.segments if "spring" not in (self.joints.get(s.joint.name) or ())]
+        free = (s for s in chain.segments if self._mimic(s) is None)
+        actuated = [s for s in free if "spring" not in (self.joints.get(s.joint.name) or ())]
         out["output"] = {"type": "joint", "joints": [self._find_name("joint", s.joint.name) for s in actuated]}
         if "home_deg" not in self.top and "home_rad" not in self.top:
             out["home_rad"] = [self._home(segment) for segment in actuated]

@@ -292,10 +292,15 @@ class Urdf:
             self.fail(node.line, f"{here}.xyz", show(node.attributes["xyz"]), "a direction of length 1")
         return [x / length for x in values]
 
-    def mimics(self, joint: Joint) -> int | None:
-        """Line of <mimic>, or None if there is none."""
-        node = self._child(joint.node, key("joint", joint.name), "mimic")
-        return None if node is None else node.line
+    def mimic(self, joint: Joint) -> tuple[int, str, float, float] | None:
+        """Line, joint, multiplier and offset [rad or m] of <mimic>, or None if there is none."""
+        here = key("joint", joint.name)
+        node = self._child(joint.node, here, "mimic")
+        if node is None:
+            return None
+        factor = self._numbers(node, f"{here}.mimic", "multiplier", 1, (1.0,))[0]
+        offset = self._numbers(node, f"{here}.mimic", "offset", 1, (0.0,))[0]
+        return node.line, node.attributes.get("joint", ""), factor, offset
 
     def limit(self, joint: Joint) -> Limit | None:
         """Limits of a movable joint; None for a continuous joint without limits."""

@@ -82,8 +82,10 @@ def find_chain(
         if not step.movable or step.name in locked:
             here = here @ fixed_pose(urdf, step, locked)
         else:
-            _check_type(urdf, step)
-            segments.append(Segment(step, urdf.links[step.child], here @ urdf.origin(step), last))
+            _check_type(urdf, step, [segment.joint.name for segment in segments if urdf.mimic(segment.joint) is None])
+            mimic = urdf.mimic(step)
+            origin = here @ (urdf.origin(step) if mimic is None else _pose_at(urdf, step, mimic[3]))
+            segments.append(Segment(step, urdf.links[step.child], origin, last))
             bodies.append([])
             last, here = len(segments) - 1, identity_pose()
         if last >= 0:
@@ -117,7 +119,12 @@ def lump_bodies(bodies: list[Inertial]) -> Inertial | None:
 
 def fixed_pose(urdf: Urdf, joint: Joint, locked: Mapping[str, float]) -> Pose:
     """Pose of the child link in the parent link, for a joint that is fixed or locked."""
-    pose, value = urdf.origin(joint), locked.get(joint.name, 0.0)
+    return _pose_at(urdf, joint, locked.get(joint.name, 0.0))
+
+
+def _pose_at(urdf: Urdf, joint: Joint, value: float) -> Pose:
+    """Pose of the child link in the parent link at a position of the joint [rad or m]."""
+    pose = urdf.origin(joint)
     if value == 0.0:
         return pose
     axis = np.array(urdf.axis(joint))
@@ -145,15 +152,16 @@ def _path(urdf: Urdf, base: str, tip: str) -> list[Joint]:
     return out[::-1]
 
 
-def _check_type(urdf: Urdf, joint: Joint) -> None:
+def _check_type(urdf: Urdf, joint: Joint, before: Sequence[str]) -> None:
     lock = f"(or in the overlay: [urdf] lock = {{ {bare(joint.name)} = 0.0 }})"
     if joint.type not in MOVING:
         expected = "revolute, continuous, prismatic or fixed"
         urdf.fail(joint.node.line, f"{key('joint', joint.name)}.type", show(joint.type), expected)
-    line = urdf.mimics(joint)
-    if line is not None:
-        given = "a joint of the chain that mimics another one"
-        urdf.fail(line, f"{key('joint', joint.name)}.mimic", given, f"independent joints {lock}")
+    mimic = urdf.mimic(joint)
+    if mimic is not None and mimic[1] not in before:
+        given, there = f"a joint that mimics {show(mimic[1])}", ", ".join(map(show, before)) or "none"
+        expected = f"a joint of the chain that stands before it and mimics no other one ({there}) {lock}"
+        urdf.fail(mimic[0], f"{key('joint', joint.name)}.mimic", given, expected)
 
 
 def _collect_fixed(

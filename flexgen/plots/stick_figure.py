@@ -136,7 +136,7 @@ def joint_style(kind: str) -> dict[str, Any]:
 
 def _kinds_of(dofs: Any) -> list[str]:
     """Kinds of joints of some degrees of freedom, motor joints first."""
-    found = {"free" if d.gear is None else "rigid" if d.gear.rigid else "elastic" for d in dofs}
+    found = {"free" if d.gear is None else "rigid" if d.gear.rigid else "elastic" for d in dofs if not d.mimic}
     return [kind for kind in _KINDS if kind in found]
 
 

@@ -61,17 +61,18 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     Returns
     -------
     casadi.Function or None
-        None where there is no recursion: robots with beams, the whole robot where rotors turn with their carriers,
-        functions other than those of the table below, robots whose bodies or rotors may change at run time, and
-        accelerations of robots with a singular mass matrix (such as a massless last link): a recursion would divide by
-        zero.
+        None where there is no recursion: robots with beams or with mechanisms (`Dof.mimic`), the whole robot where
+        rotors turn with their carriers, functions other than those of the table below, robots whose bodies or rotors
+        may change at run time, and accelerations of robots with a singular mass matrix (such as a massless last link):
+        a recursion would divide by zero.
     """
     model = equations.model
     base, product = split_product(name)
     carried = model.motor_coupling == "complete" and base in _WHOLE
     carried = carried or (name in inversion_functions.BUILDERS and model.inversion_obstacle() is not None)
     inertias = any(parameter.inertia for parameter in equations.parameters)
-    if base not in _BUILDERS or carried or inertias or any(element.beam is not None for element in model.elements):
+    other = any(e.beam is not None or any(dof.mimic for dof in e.dofs) for e in model.elements)
+    if base not in _BUILDERS or carried or inertias or other:
         return None
     arm = arm_of(equations)
     if name not in arm.functions:

@@ -340,7 +340,7 @@ BAD_URDF = {
         "lift.dynamics.damping",
         [">= 0"],
     ),
-    "mimic": ([(LIFT, LIFT + '<mimic joint="turn"/><!--!-->')], "joint.lift.mimic", ["lock = { lift = 0.0 }"]),
+    "mimic": ([(LIFT, LIFT + '<mimic joint="turns"/><!--!-->')], "joint.lift.mimic", ["turn", "lock = { lift = 0.0 }"]),
     "massless end": (
         [
             (RAM, ""),

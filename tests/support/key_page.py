@@ -7,16 +7,13 @@ from pathlib import Path
 
 from flexgen.benchmarks import scenario_file as scenario
 from flexgen.loop.controller_files import CONTROLLER, LOW_PASS, NOTCH
-from flexgen.model.format import JOINT, LINK, MODEL, URDF, VARIANT
+from flexgen.model.format import BEAM, BENDING, ELEMENT, JOINT, LINK, MODEL, URDF, VARIANT
 from flexgen.model.format_devices import MOTOR, SENSOR
 from flexgen.model.format_programs import PROGRAM, STEP
 from flexgen.model.format_robot import (
-    BEAM,
-    BENDING,
     BODY,
     COUNTERBALANCE,
     DOF,
-    ELEMENT,
     GEAR,
     JOINT_SPRING,
     PLACEMENT,

@@ -50,7 +50,7 @@ const char *elbow_status_text(elbow_status status)
 
 const char *elbow_digest(void)
 {
-    return "058201b9f8ec8e52d22d9a7611c68ad8f76ca445a11cdedad110ec64b6ef777b";
+    return "17c6b12dcd8cd9f13aea1b6977ba747645cecb436a37507049b30279aea139c0";
 }
 
 const char *elbow_interface(void)

@@ -1,0 +1,244 @@
+"""Axes that a mechanism moves, against the robot with all axes free: forces are projected on the coordinates left.
+
+q_all = T q,    M = T' M_all(T q) T,    h = T' h_all(T q, T v):    M_all, h_all: MuJoCo, free robot
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+from mujoco_referee import MujocoReferee
+from random_trees import trees
+
+import flexgen
+from flexgen.errors import ModelError
+from flexgen.mechanics.equations import derive
+from flexgen.model.elements import RobotModel
+from flexgen.model.inertia import mass_matrix
+from flexgen.model.reader import read
+
+CLOSE = 1e-10  # of the largest entry
+COUNT = 12
+
+
+@st.composite
+def mechanisms(draw: st.DrawFn) -> tuple[RobotModel, RobotModel, np.ndarray]:
+    """A random tree, the same with some axes without motor moved by mechanisms, and T of the module's equation."""
+    case = draw(trees().filter(lambda case: case.model.n_e > 0 and case.model.motor_coupling == "simplified"))
+    free, rng = case.model, np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    chosen, factors = [], {}
+    for k, c in enumerate(free.coordinates):
+        before = [other.name for other in free.coordinates[:k] if other.name not in chosen]
+        if not c.actuated and before and (not chosen or rng.integers(2)):
+            names = rng.choice(before, size=min(2, len(before)), replace=False)
+            chosen.append(c.name)
+            factors[c.name] = {str(name): float(rng.uniform(-1.5, 1.5)) for name in names}
+    if not chosen:
+        return free, free, np.eye(free.n_a)
+    elements = tuple(
+        replace(
+            e,
+            dofs=tuple(
+                replace(d, spring=None, damping=0.0, friction=type(d.friction)(), mimic=tuple(factors[d.name].items()))
+                if d.name in factors
+                else d
+                for d in e.dofs
+            ),
+        )
+        for e in free.elements
+    )
+    moved = replace(free, elements=elements)
+    left = [c.name for c in moved.coordinates]
+    rows = [factors.get(c.name, {c.name: 1.0}) for c in free.coordinates]
+    return free, moved, np.array([[row.get(name, 0.0) for name in left] for row in rows])
+
+
+def rotors_of(model: RobotModel) -> np.ndarray:
+    """Inertia of the rotors behind rigid gears on the coordinates."""
+    rigid = [j for j in range(model.n_m) if j not in model.i_m]
+    eta = np.zeros((len(rigid), model.n_a))
+    eta[:, list(model.i_g)] = model.eta[rigid]
+    return eta.T @ np.diag([model.motors[j].inertia for j in rigid]) @ eta
+
+
+def compare(free: RobotModel, moved: RobotModel, T: np.ndarray) -> None:
+    """The arm's functions at random states."""
+    referee, equations = MujocoReferee(free, rotors=False), derive(moved)
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        q, v = rng.uniform(-1, 1, (2, moved.n_a))
+        M, h = T.T @ referee.mass_matrix(T @ q) @ T, T.T @ referee.bias(T @ q, T @ v)
+        for found, expected in (
+            (equations.function("mass_matrix")(q), M),
+            (mass_matrix(moved, q), M + rotors_of(moved)),
+            (equations.function("bias")(q, v), h[:, None]),
+            (equations.function("forward_kinematics")(q)[0], referee.tool(T @ q)[0][:, None]),
+        ):
+            np.testing.assert_allclose(np.array(found), expected, rtol=0, atol=CLOSE * (1e-6 + np.abs(expected).max()))
+
+
+def on_mechanisms(check) -> None:
+    """A check of some random mechanisms, the same ones every time."""
+    quiet = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck), "print_blob": False}
+    settings(max_examples=COUNT, phases=(Phase.generate,), **quiet)(seed(2)(given(mechanisms())(lambda x: check(*x))))()
+
+
+@pytest.mark.slow
+def test_the_moments_of_a_mechanism_act_on_its_coordinates():
+    on_mechanisms(compare)
+
+
+@pytest.mark.slow
+def test_a_wrong_factor_is_found():
+    def check(free, moved, T):
+        wrong = np.where((T != 0.0) & (T != 1.0), 1.01 * T, T)
+        compare(free, moved, wrong)
+
+    with pytest.raises(AssertionError, match="Not equal"):
+        on_mechanisms(check)
+
+
+GEAR = 'gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 2e5 }, damping = 150 }'
+TORSO = (
+    """
+name = "torso"
+gravity = [0.0, -9.81, 0.0]
+home_rad = [0.4, 0.5, 0.2]
+tool = { position = [0.3, 0, 0] }
+output = { type = "joint", joints = ["q1", "q2", "q4"] }
+[[move]]
+name = "joints"
+type = "joint"
+start_rad = [0.4, 0.5, 0.2]
+end_rad = [0.6, 0.3, 0.5]
+duration = 0.6
+smoothness = 5
+"""
+    + "".join(
+        f"""
+[[element]]
+name = "{name}"
+origin = {{ position = {place} }}
+body = {{ mass = {mass}, com = [0.15, 0.02, 0], inertia = [0.3, 0.3, 0.3] }}
+[[element.dof]]
+name = "{joint}"
+type = "rotation"
+axis = [0, 0, 1]
+{drive}
+"""
+        for name, place, mass, joint, drive in (
+            (
+                "leg1",
+                [0, 0, 0],
+                20,
+                "q1",
+                GEAR,
+            ),
+            (
+                "leg2",
+                [0.3, 0, 0],
+                15,
+                "q2",
+                GEAR,
+            ),
+            ("chest", [0.3, 0, 0], 10, "q3", "mimic = { q1 = -1.0, q2 = -1.0 }"),
+            (
+                "arm",
+                [0.1, 0.3, 0],
+                6,
+                "q4",
+                GEAR,
+            ),
+        )
+    )
+    + "".join(
+        f"""
+[[motor]]
+name = "m{joint}"
+drives = "{joint}"
+ratio = 100
+inertia = 1e-3
+friction = {{ viscous = 1e-3 }}
+"""
+        for joint in ("q1", "q2", "q4")
+    )
+)
+
+
+def test_a_torso_whose_chest_stays_upright_is_solved(tmp_path):
+    (tmp_path / "torso.toml").write_text(TORSO)
+    model = read(tmp_path / "torso.toml")
+    assert [c.name for c in model.coordinates] == ["q1", "q2", "q4"]
+    solution = flexgen.solve(model, "joints")
+    assert solution.status == "solved"
+    q = solution.trajectory["q_a"][::20]
+    turned = [np.array(derive(model).function("forward_kinematics")(x)[1]) for x in q]
+    for R, x in zip(turned, q, strict=True):  # the chest is upright: only q4 turns the tool
+        np.testing.assert_allclose(R[:2, 0], [np.cos(x[2]), np.sin(x[2])], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = { q1 = -1.0, q4 = -1.0 }"), r"mimic.*q4"),
+        (("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = {}"), r"mimic.*at least one"),
+        (
+            ("mimic = { q1 = -1.0, q2 = -1.0 }", "mimic = { q1 = -1.0 }\nfriction = { viscous = 1.0 }"),
+            r"friction.*mimic",
+        ),
+        (
+            ("mimic = { q1 = -1.0, q2 = -1.0 }", 'mimic = { q1 = -1.0 }\nspring = { type = "linear", stiffness = 1 }'),
+            r"both a",
+        ),
+    ],
+)
+def test_wrong_mechanisms_are_refused(tmp_path, change, words):
+    (tmp_path / "torso.toml").write_text(TORSO.replace(*change))
+    with pytest.raises(ModelError, match=words):
+        read(tmp_path / "torso.toml")
+
+
+LINK = """<link name="{}"><inertial><origin xyz="0.02 0 0"/><mass value="0.1"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>
+<axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="5" velocity="2"/>{}</joint>"""
+MIMIC = '<mimic joint="base" multiplier="0.5" offset="0.25"/>'
+URDF = "\n".join(
+    [
+        '<robot name="fingers"><link name="palm"/>',
+        LINK.format("first") + LINK.format("second"),
+        JOINT.format("base", "palm", "first", 0, ""),
+        JOINT.format("end", "first", "second", 0.04, MIMIC),
+        "</robot>",
+    ]
+)
+
+
+def test_mimic_of_a_urdf_file(tmp_path):
+    (tmp_path / "fingers.urdf").write_text(
+        URDF.replace('name="base"', 'name="q1"').replace('joint="base"', 'joint="q1"')
+    )
+    model = read(f"{tmp_path / 'fingers.urdf'}#palm:second")
+    assert [c.name for c in model.coordinates] == ["q1"] and model.n_m == 1
+    R = np.array(derive(model).function("forward_kinematics")(0.4)[1])
+    angle = 0.4 + 0.5 * 0.4 + 0.25
+    np.testing.assert_allclose(R[:2, 0], [np.cos(angle), np.sin(angle)], atol=1e-12)
+
+
+def test_a_mimic_of_a_joint_that_is_not_there_is_refused(tmp_path):
+    (tmp_path / "fingers.urdf").write_text(URDF.replace('joint="base" multiplier', 'joint="thumb" multiplier'))
+    with pytest.raises(ModelError, match=r"joint.end.mimic.*thumb"):
+        read(f"{tmp_path / 'fingers.urdf'}#palm:second")
+
+
+def test_exports_refuse_mechanisms(tmp_path):
+    (tmp_path / "torso.toml").write_text(TORSO)
+    model = read(tmp_path / "torso.toml")
+    for export, file in ((flexgen.export_mujoco, "t.xml"), (flexgen.export_urdf, "t.urdf")):
+        with pytest.raises(ModelError, match="mimic"):
+            export(model, tmp_path / file)
