@@ -24,6 +24,7 @@ from flexgen.inverse_kinematics import targets
 from flexgen.mechanics import outputs, parameters, statics
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Body, Friction, RobotModel
+from flexgen.paths.segments import Line
 
 TAU = 2 * np.pi
 
@@ -318,3 +319,12 @@ def test_solutions_of_a_routine_go_to_the_blocks_of_their_ports() -> None:
     assert_allclose(found["b"], [[0.0, 1.0], *X[:, 3:]])
     assert found["z"].shape == (2, 3) and not found["z"].any()
     assert solve.ports == ("a", "b") and solve.width == 5
+
+
+def test_a_line_is_as_long_as_its_path_or_as_its_rotation_on_the_radius() -> None:
+    total, turn = np.array([0.3, 0.0, -0.4]), np.array([0.0, 1.5, 2.0])
+    assert (Line(total, turn).length, Line(0 * total, turn).length) == (pytest.approx(0.5), 1.0)  # no radius: no length
+    assert Line(total, turn, 0.1).length == pytest.approx(0.5) and Line(total, turn, 0.1).by_arc_length
+    assert Line(total, turn, 0.3).length == pytest.approx(0.75) and not Line(total, turn, 0.3).by_arc_length
+    assert Line(total, 0 * turn, largest=True).length == 0.4 and not Line(total, 0 * turn, largest=True).by_arc_length
+    assert not Line(0 * total, turn, 0.3).by_arc_length and not Line(0 * total, 0 * turn).by_arc_length

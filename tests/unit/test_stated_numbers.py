@@ -16,10 +16,11 @@ from flexgen.benchmarks import foreign, scenario_file
 from flexgen.cli import main as cli
 from flexgen.cli.verbs.solve import EXCEEDED
 from flexgen.codegen.interface import DELAY_MAX, STATUSES
+from flexgen.exports import mujoco
 from flexgen.identification import graybox, motion_fit, result
 from flexgen.identification.experiments import plan
 from flexgen.identification.recordings import description, rigid_accuracy
-from flexgen.inversion import choice, problem, settling, solve
+from flexgen.inversion import choice, limits, problem, settling, solve
 from flexgen.laws import lq, state_lq, study
 from flexgen.loop import closed_loop, control, interface
 from flexgen.model import format_robot, sensors
@@ -33,6 +34,7 @@ from flexgen.simulation import after_end, simulate
 from flexgen.spec import toml_lines
 
 ROOT = Path(__file__).resolve().parents[2]
+WORDS = {2.0: "twice", 0.5: "half", 0.1: "a tenth"}
 SENTENCES = {
     "docs/methods.md": (
         ("`full` up to {:d} coordinates", choice.FULL_LARGEST),
@@ -53,6 +55,7 @@ SENTENCES = {
     "docs/c_library.md": (
         ("less than this [m or rad], {:.0e} in `solve`", settling.SETTLED * problem.ACCURACY),
         ("tolerance {:.0e} the output", TOLERANCES["double"]),
+        ("for about {} the duration", WORDS.get(limits.LATE)),
     ),
     "docs/benchmarks.md": (("moves the tool by less than {:.0f} nm", 1e9 * settling.SETTLED * problem.ACCURACY),),
     "docs/not_for.md": (("Errors below {:g} um are those of the computation", 1e6 * sentence.NUMERICAL),),
@@ -80,7 +83,9 @@ SENTENCES = {
         ("a parameter with more than {:g} % keeps", 100 * result.WEAK),
         ("fewer than {:g} % of the correlations", 100 * motion_fit.WHITE),
         ("residuals are below {:g} % of the motion", 100 * graybox.SMALL_ERROR),
-        ("is more than twice that of the fit and above {:g} % of the torque", 100 * rigid_accuracy.SMALL),
+        ("explained badly, or {} as well as those that were", WORDS.get(1 / motion_fit.WORSE)),
+        ("is more than {} that of the fit and above 10 %", WORDS.get(rigid_accuracy.WORSE)),
+        ("that of the fit and above {:g} % of the torque", 100 * rigid_accuracy.SMALL),
     ),
     "docs/planning.md": (
         ("is the default up to {:d} coordinates", planning.EXACT_UP_TO),
@@ -89,7 +94,10 @@ SENTENCES = {
         ("That of a bound is {:g} % of it", 100 * planned.EXCESS),
         ("or {:g} % of the range of what is bounded", 100 * planned.RANGE),
     ),
-    "docs/exchange.md": (("Motions of less than {:g} s are shown in slow motion", video.LENGTH),),
+    "docs/exchange.md": (
+        ("step {} of the shortest time constant at home", WORDS.get(mujoco.STEP)),
+        ("Motions of less than {:g} s are shown in slow motion", video.LENGTH),
+    ),
     "models/README.md": (
         ("a line has at most {:d} characters", toml_lines.WIDTH),
         ("An arm has at most {:d} coordinates", format_robot.COORDINATES_MAX),
