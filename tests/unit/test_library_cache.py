@@ -174,3 +174,19 @@ def test_the_objects_of_one_choice_of_solvers_are_those_of_another() -> None:
     both = (set(texts[0]) & set(texts[1])) - {"planar5_nmp.c", "example.c"}  # the digest of all; not compiled
     assert {"planar5_nmp_inversion.c", "planar5_nmp_inversion.h", "planar5_nmp.h"} <= both
     assert {name for name in both if texts[0][name] != texts[1][name]} == set()
+
+
+def test_a_link_in_the_cache_counts_with_its_own_size(tmp_path):
+    (tmp_path / "large").write_bytes(bytes(100_000))
+    folder = tmp_path / "library"
+    folder.mkdir()
+    (folder / "file").write_bytes(bytes(10))
+    (folder / "link").symlink_to(tmp_path / "large")
+    assert library_cache._size(folder) == 10 + (folder / "link").lstat().st_size < 1000
+
+
+def test_a_library_is_in_use_for_an_hour_after_its_last_use_and_where_it_cannot_be_seen(tmp_path):
+    for age, used in ((3500.0, True), (3700.0, False)):
+        os.utime(tmp_path, (time.time() - age,) * 2)
+        assert library_cache._in_use(tmp_path) == used
+    assert library_cache._in_use(tmp_path / "nothing")
