@@ -15,7 +15,7 @@ SLOW = set(
     export_mex export_plcopen export_fmu export_simulink export_ros2 plan_problem sweep refine fit_motion control
     feedback_study tune fastest identify_load learn score view
     Cascade CollisionDetector ControlRun Disturbance ExtendedKalmanFilter Estimate FastestMove FeedbackStudy Inverter
-    LearningResult Library Load LoopShaping MotionFit PathSampler PID PlanProblem PPI Simulation Solution Stream
+    Library Load MotionFit PathSampler PID PlanProblem PPI Simulation Solution Stream
     SweepResult TorqueCommand Trajectory TuningResult
     """.split()
 )
