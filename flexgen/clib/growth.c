@@ -14,11 +14,14 @@
  *     (1 - h/2 D - h^2/4 K) u = v + h/2 K p,    p += h u,    v = 2 u - v.
  *
  * It neither excites vibrations nor damps them. Columns of the matrices p and v: perturbations of one position each at
- * the start.
+ * the start. Samples at rest at the end are left out, so that the result does not depend on their number; where there
+ * are any, the last torque is held for HELD_STEPS of the grid.
  */
-enum { DOF = MODEL_NX / 2, GROWTH_STEPS = 2, GRID_FEWEST = 50, GRID_MOST = 1000, POWER_STEPS = 12 };
+enum { DOF = MODEL_NX / 2, GROWTH_STEPS = 2, GRID_FEWEST = 50, GRID_MOST = 1000, POWER_STEPS = 12, HELD_STEPS = 50 };
 
-static const real grid_step = 1e-2; /* s */
+static const real grid_step = 1e-2;                  /* s */
+static const real at_rest = PRECISE(1e-6, 1e-4);     /* of the largest speed */
+static const real at_rest_abs = PRECISE(1e-9, 1e-6); /* rad/s or m/s: rounding */
 static const real growth_max = PRECISE(1e300, 1e37);
 
 typedef struct {
@@ -43,6 +46,17 @@ static int growth_matrices(
         }
     }
     return status;
+}
+
+/* The last sample at which the arm moves; the last one of all where it never does. */
+static ptrdiff_t last_moving(const real *v_a, ptrdiff_t n)
+{
+    const real slow = fmax_1(at_rest_abs, at_rest * largest(v_a, (int)n * NA));
+    ptrdiff_t last = n - 1;
+    while (last > 0 && largest(v_a + last * NA, NA) <= slow) {
+        --last;
+    }
+    return last > 0 ? last : n - 1;
 }
 
 /* Prepare steps of h with the means of K and D of two instants; 0 where they are singular. */
@@ -133,8 +147,8 @@ model_status model_growth(
     growth_space *s = (growth_space *)(void *)work;
     const real *values = GIVEN_PARAMETERS;
     real *space, size = 1.0, found = 1.0;
-    ptrdiff_t at = 0;
-    int count, status;
+    ptrdiff_t at = 0, last;
+    int count, steps, status;
     if (growth == NULL || work == NULL || values == NULL || !has_state_and_torques(motion)) {
         return MODEL_NULL_ARGUMENT;
     }
@@ -146,18 +160,20 @@ model_status model_growth(
         return MODEL_BAD_ARGUMENT;
     }
     space = work + padded((int64_t)(sizeof(growth_space) / sizeof(real)));
-    count = (real)(n - 1) * period < grid_step * GRID_MOST ? (int)((real)(n - 1) * period / grid_step) : GRID_MOST;
+    last = last_moving(motion->v_a, n);
+    count = (real)last * period < grid_step * GRID_MOST ? (int)((real)last * period / grid_step) : GRID_MOST;
     count = count < GRID_FEWEST ? GRID_FEWEST : count;
+    steps = count + (last < n - 1 ? HELD_STEPS : 0);
     for (int i = 0; i < DOF * DOF; ++i) {
         s->p[i] = i % (DOF + 1) == 0 ? 1.0 : 0.0;
         s->v[i] = 0.0;
     }
     status = growth_matrices(motion, 0, values, s->before, s, space);
-    for (int k = 1; k <= count && status == MODEL_OK; ++k) {
-        const ptrdiff_t next = (ptrdiff_t)(((int64_t)k * (n - 1) + count - 1) / count);
-        const real h = (real)(next - at) * period / (real)GROWTH_STEPS;
+    for (int k = 1; k <= steps && status == MODEL_OK; ++k) {
+        const ptrdiff_t next = k > count ? last : (ptrdiff_t)(((int64_t)k * last + count - 1) / count);
+        const real h = (k > count ? grid_step : (real)(next - at) * period) / (real)GROWTH_STEPS;
         real most;
-        if (next == at) {
+        if (next == at && k <= count) {
             continue;
         }
         at = next;

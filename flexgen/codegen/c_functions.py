@@ -150,11 +150,12 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "growth",
         "growth.c",
         "Largest growth of a perturbation from the start of a motion to an instant of it, under motor torques alone.",
-        "Errors of the model and of the start grow by this factor: where it is above about 1000 only feedback keeps "
+        "Errors of the model and of the start grow by this factor: where it is above about 100 only feedback keeps "
         "the robot on its path. It is the largest singular value of the transition matrix of the positions, of motors "
         "on the arm side, with the linearization every 10 ms (at most 1000 times); at most 1e300 (single precision: "
-        "1e37). The members q_a, v_a, q_m, v_m and tau_m of the motion are read, such as invert has written them; "
-        "with a hold the factor is approximate.",
+        "1e37). Samples at the end in which the arm is at rest do not count; where there are any, the last torque is "
+        "held for 0.5 s. The members q_a, v_a, q_m, v_m and tau_m of the motion are read, such as invert has written "
+        "them; with a hold the factor is approximate.",
         (
             Field("motion", "const motion *", (), "", "N = n samples"),
             Field("n", "int", (), "1", "number of samples, at least 2"),

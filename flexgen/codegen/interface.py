@@ -156,7 +156,7 @@ _GROWTH = Field(
     "real",
     (),
     "1",
-    "largest growth of a perturbation along the motion, see the function growth: above about 1000 the torques need "
+    "largest growth of a perturbation along the motion, see the function growth: above about 100 the torques need "
     "feedback; NaN where the option growth is 0, or the motion grows beyond all numbers",
 )
 STRUCTS: tuple[Struct, ...] = (

@@ -16,11 +16,11 @@ from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.result import Simulation, error_figures, error_text
-from flexgen.torque_curve import torque_curve
+from flexgen.simulation.result import Simulation, error_figures, error_lines
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
+STATE_CHANNELS = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
 
 
@@ -113,7 +113,6 @@ class Solution(Result):
     def __str__(self) -> str:
         """Status, tool error, largest torque and speed, trajectory, warnings; methods that were left before."""
         t, torque, speed = self.trajectory.time, *(np.abs(self.trajectory[x]).max() for x in ("tau_m", "v_m"))
-        more = f" (and {len(self.warnings) - 1} more in .warnings)" if len(self.warnings) > 1 else ""
         attempts = [f"  tried before: {text}" for text in self.details.get("attempts", ())]
         return "\n".join(
             [
@@ -122,7 +121,7 @@ class Solution(Result):
                 f"  {self._error_text()}",
                 f"  motor torque up to {torque:.4g} N m, motor speed up to {speed:.4g} rad/s",
                 f"  {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, pre-actuation {self.preactuation_s:.3g} s",
-                f"  warnings: {' '.join(self.warnings[0].split()) if self.warnings else 'none'}{more}",
+                *([f"  warning: {' '.join(text.split())}" for text in self.warnings] or ["  warnings: none"]),
                 *attempts,
             ]
         )
@@ -140,7 +139,7 @@ class Solution(Result):
             if self.path_distance_max_m is not None:
                 where = f"{format_size(self.path_distance_max_m, 'm')} from the path ({where})"
             return f"{what} up to {where} because limits are active{more}"
-        return f"{error_text(self.simulation, what)}{more}"
+        return "\n  ".join(error_lines(self.simulation, what)) + more
 
     def _held_errors(self) -> tuple[float | None, float | None]:
         """Largest distance [m] and angle [rad] of the output from the path with the hold of the controller."""
@@ -249,46 +248,24 @@ class Solution(Result):
 def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
     """Largest residual of each equation of motion, (dof,), at the midpoints between the samples [N m or N].
 
-    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as in `simulate`,
-    independent of the solver. Rows: arm coordinates, then the motors behind elastic gears.
+    Rows: arm coordinates, then the motors behind elastic gears.
     """
-    arm, motor = ([trajectory[f"{x}_{part}"] for x in "qva"] for part in "am")
-    limited = trajectory.meta.get("torque") == "limited"
-    return _residual_rows(equations, trajectory.time, arm, motor, trajectory["tau_m"], limited)
+    from flexgen.simulation.growth import Motion
+    from flexgen.simulation.residual import midpoint_residual
+
+    motion = Motion(trajectory.time, *(trajectory[name] for name in STATE_CHANNELS))
+    rows = midpoint_residual(equations, motion, trajectory.meta.get("torque") == "limited")
+    return np.abs(rows).max(axis=0)
 
 
 def motion_residual(equations: Equations, result: MethodResult) -> np.ndarray:
     """Largest residual of each equation of motion (dof,) of a method result, as `residual_rows`."""
+    from flexgen.simulation.growth import Motion
+    from flexgen.simulation.residual import midpoint_residual
+
     m = result.motors
-    return _residual_rows(equations, result.t, [result.q, result.v, result.a], [m.q_m, m.v_m, m.a_m], m.tau_m)
-
-
-def _residual_rows(
-    equations: Equations,
-    t: np.ndarray,
-    arm: list[np.ndarray],
-    motor: list[np.ndarray],
-    tau_m: np.ndarray,
-    limited: bool = False,
-) -> np.ndarray:
-    middle = (t[:-1] + t[1:]) / 2
-    h = np.diff(t)[:, None]
-    motion = [x for part in (arm, motor) for x in _half_way(h, *part)]
-    tau = torque_curve(t, tau_m, limited=limited)(middle)
-    r_a, r_m = evaluate(equations.function("residual"), *motion, tau)
-    n = len(middle)
-    rows = np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
-    return np.abs(rows).max(axis=0)
-
-
-def _half_way(h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Quintic Hermite interpolant of samples and its two derivatives at the midpoints, (n - 1, n_q) each."""
-    q0, q1, v0, v1, a0, a1 = q[:-1], q[1:], v[:-1], v[1:], a[:-1], a[1:]
-    return (
-        (q0 + q1) / 2 + 5 * h / 32 * (v0 - v1) + h**2 / 64 * (a0 + a1),
-        15 / 8 * (q1 - q0) / h - 7 / 16 * (v0 + v1) + h / 32 * (a1 - a0),
-        3 / 2 * (v1 - v0) / h - (a0 + a1) / 4,
-    )
+    motion = Motion(result.t, result.q, result.v, result.a, m.q_m, m.v_m, m.a_m, m.tau_m)
+    return np.abs(midpoint_residual(equations, motion)).max(axis=0)
 
 
 def relative_residual(equations: Equations, trajectory: Trajectory, rows: np.ndarray) -> float:

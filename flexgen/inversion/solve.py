@@ -30,6 +30,7 @@ from flexgen.paths.path import find_move
 from flexgen.progress import Choice, reported
 from flexgen.registry import find_function, import_object
 from flexgen.simulation.hold_names import HoldName
+from flexgen.simulation.result import error_text
 from flexgen.simulation.simulate import HELD_KEY
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -303,8 +304,10 @@ def _refine(
             continue
         checked = verify_by_simulation(problem, solution)
         simulation, plan, worst = checked.simulation, checked.plan_error, checked.worst
+        errors = {"errors": error_text(simulation, "output")}  # a saved file states them too
         solution = replace(
             solution,
+            trajectory=replace(solution.trajectory, meta={**solution.trajectory.meta, **errors}),
             simulation=simulation,
             warnings=(*solution.warnings, *simulation.warnings),
             plan_error_max_m=None if plan is None else plan[0],

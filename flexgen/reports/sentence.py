@@ -5,6 +5,7 @@ from __future__ import annotations
 from flexgen.display import both_measured, format_size
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
+from flexgen.simulation.result import growth_text
 
 NUMERICAL = 1e-7  # m or rad: smaller errors are those of the computation, no accuracy of a robot
 
@@ -45,8 +46,5 @@ def _evidence(solution: Solution) -> str:
     if run.feedback is None:
         until = f" until {run.held_s:g} s after the end" if run.held_s else ""
         return f"{where} under these torques alone, without feedback, the error is {size}{until}."
-    growth = "" if run.growth is None else f", since small errors grow by {run.growth:.2g}"
-    return (
-        f"{where} the error is {size} together with motor feedback ({run.feedback.title}); without it the torques "
-        f"alone do not keep the robot on the path{growth}."
-    )
+    growth = "" if run.growth is None else f"; without it small errors grow {growth_text(run.growth, run.growth_whole)}"
+    return f"{where} the error is {size} together with motor feedback ({run.feedback.title}){growth}."

@@ -58,7 +58,7 @@ class Growth:
         Returns
         -------
         float
-            At least 1; where it is above about 1000, only feedback keeps the robot on its path.
+            At least 1; where it is above about 100, only feedback keeps the robot on its path.
         """
         self._refuse_closed()
         if not isinstance(motion, Inversion):

@@ -65,7 +65,7 @@ class Inversion:
         Of `Library.invert_limited`: whether the path was modified.
     growth : float
         With ``growth=True``: largest growth of a perturbation along the motion, see `Library.growth`; where it is above
-        about 1000, only feedback keeps the robot on its path. Else NaN.
+        about 100, only feedback keeps the robot on its path. Else NaN.
     deviation : ndarray (n, n_y) or None
         Of `Library.invert_limited`: deviation from the path at its samples [m, rad].
     """

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.simulation.result import AFTER
 from flexgen.simulation.run import Run
 
-AFTER = 2.0  # s after the end of the trajectory
 STEPS = 64
 
 

@@ -7,7 +7,8 @@ along the motion
     d/dt dx = A(t) dx,     A from M(q) dq'' + D dq' + K dq = 0,     Phi(t, s) its transition matrix
 
 gives the factor: the growth from s to t is the norm of the block of ``Phi`` that takes positions to positions (motors
-on the arm side). ``A`` is constant on each interval of a grid.
+on the arm side). ``A`` is constant on each interval of a grid. Samples at rest at the end are left out: the growth is
+that of the movement, and of a time after it in which the last torque is held.
 """
 
 from __future__ import annotations
@@ -19,9 +20,13 @@ from scipy.linalg import expm
 
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
+from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.result import AFTER
+from flexgen.trajectory import Trajectory
 
 STEP, FEWEST, MOST = 1e-2, 50, 1000  # of the grid: its step [s], intervals
+AT_REST, AT_REST_ABS = 1e-6, 1e-9  # of the largest speed; rad/s or m/s: rounding
 
 
 @dataclass(frozen=True)
@@ -38,27 +43,85 @@ class Motion:
     tau_m: np.ndarray
 
 
-def growth_along(equations: Equations, motion: Motion) -> float:
-    """Largest growth of a perturbation from the start of a motion to an instant of it."""
-    steps = transition_matrices(equations, motion)
-    return float(np.exp(min(_log_growth(steps, equations.model.dof).max(initial=0.0), 700.0)))
+def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
+    """The motion of a trajectory; None without speeds or accelerations."""
+    names = {"a": tuple(c.name for c in robot.coordinates), "m": tuple(m.name for m in robot.motors)}
+    found = {"q_a": given["q_a"], "q_m": given["q_m"], "tau_m": given["tau_m"]}
+    for name in ("v_a", "a_a", "v_m", "a_m"):
+        labels = names[name[-1]]
+        if name not in data.channels or sorted(data.labels[name]) != sorted(labels):
+            return None
+        found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
+    return Motion(data.time, **found) if all(np.isfinite(x).all() for x in found.values()) else None
 
 
-def transition_matrices(equations: Equations, motion: Motion) -> np.ndarray:
-    """Transition matrices from each instant of the grid to the next (k, 2n, 2n), arm side."""
+@dataclass(frozen=True)
+class Linearized:
+    """Linearization at instants of a grid over a movement, with all positions on the arm side.
+
+    ``at`` (k + 1,): its samples; ``lengths`` (k,) [s]: of its intervals; ``A`` (k + 1, 2n, 2n); ``force``
+    (k + 1, n, n): accelerations from the forces in the equations of motion; ``rest`` [s]: from the grid's end
+    to the last sample.
+    """
+
+    at: np.ndarray
+    lengths: np.ndarray
+    A: np.ndarray
+    force: np.ndarray
+    rest: float
+
+    @property
+    def means(self) -> np.ndarray:
+        """``A`` of each interval, (k, 2n, 2n)."""
+        return (self.A[:-1] + self.A[1:]) / 2
+
+
+def linearize_along(equations: Equations, motion: Motion) -> Linearized:
+    """The linearization along a motion until it is at rest; along all of it where nothing moves."""
     model, t = equations.model, motion.t
-    count = int(np.clip((t[-1] - t[0]) / STEP, FEWEST, MOST))
-    at = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)).clip(0, len(t) - 1))
+    last = _last_moving(motion.v_a)
+    count = int(np.clip((t[last] - t[0]) / STEP, FEWEST, MOST))
+    at = np.unique(np.searchsorted(t, np.linspace(t[0], t[last], count + 1)).clip(0, last))
     arguments = (motion.q_a, motion.v_a, motion.a_a, motion.q_m, motion.v_m, motion.a_m, motion.tau_m)
     n = model.dof
     M, D, K, _ = second_order_matrices(*evaluate(equations.function("residual_jacobians"), *(x[at] for x in arguments)))
     side = np.ones(n)
     side[model.n_a :] = np.abs(model.eta).max(axis=1)[list(model.i_m)]
-    A = np.zeros((len(at), 2 * n, 2 * n))
+    A, force = np.zeros((len(at), 2 * n, 2 * n)), np.linalg.inv(M) / side[:, None]
     A[:, :n, n:] = np.eye(n)
     A[:, n:, :n], A[:, n:, n:] = (np.linalg.solve(M, -x) / side[:, None] * side for x in (K, D))
-    lengths = np.diff(t[at])[:, None, None]
-    return expm((A[:-1] + A[1:]) / 2 * lengths)
+    return Linearized(at, np.diff(t[at]), A, force, float(t[-1] - t[last]))
+
+
+def _last_moving(v_a: np.ndarray) -> int:
+    """The last sample at which the arm moves; the last one of all where it never does."""
+    speed = np.abs(v_a).max(axis=1)
+    moving = np.flatnonzero(speed > max(AT_REST_ABS, AT_REST * speed.max()))
+    return int(moving[-1]) if len(moving) and moving[-1] else len(speed) - 1
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Largest growth of a perturbation from the start of a motion to an instant of it.
+
+    ``movement``: until ``held`` after the arm has come to rest, where it does; ``whole``: until ``held`` after the last
+    sample, ``later``: until `AFTER` after it.
+    """
+
+    movement: float
+    whole: float
+    later: float
+
+
+def growth_along(along: Linearized, held: float = 0.0) -> Growth:
+    """The growth along a motion, and with its last torque held for ``held`` [s] after it."""
+    steps, n = expm(along.means * along.lengths[:, None, None]), along.A.shape[-1] // 2
+    more = [round(seconds / STEP) for seconds in (held, along.rest + held, along.rest + max(held, AFTER))]
+    steps = np.concatenate([steps, np.repeat(expm(along.A[-1:] * STEP), more[-1], axis=0)])
+    sizes = np.exp(np.minimum(np.maximum.accumulate(_log_growth(steps, n)), 700.0))
+    at_rest = more[0] if along.rest > 0.0 else 0
+    movement, whole, later = (max(1.0, float(sizes[len(along.lengths) + k - 1])) for k in (at_rest, *more[1:]))
+    return Growth(movement, whole, later)
 
 
 def _log_growth(steps: np.ndarray, n: int) -> np.ndarray:

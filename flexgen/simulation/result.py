@@ -7,10 +7,11 @@ from typing import Any
 
 from flexgen.display import Figure, both_measured, figure_rows, plain
 from flexgen.results import Result
-from flexgen.simulation.after_end import AFTER
 from flexgen.simulation.motor_feedback import MotorFeedback
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
+
+AFTER = 2.0  # s after the end of the trajectory: of the second figure of the error
 
 
 @checked_result
@@ -34,19 +35,23 @@ class Simulation(Result):
     wall_s : float [s]
     warnings : tuple of str
     growth : float or None
-        Growth of perturbations of the open loop over the move; None where it was not estimated.
+        Growth of perturbations of the open loop until ``held_s`` after the arm has come to rest; None where it was not
+        estimated. ``growth_whole``: until ``held_s`` after the last sample.
+    defect_max_m, defect_max_rad : float or None [m], [rad]
+        Defect: the residual of the equations of motion between the samples, propagated to the output over the
+        directions that do not grow, see `flexgen.simulation.defect`; None where the trajectory has no accelerations.
     integrator : str
         ``DOP853``, or ``LSODA`` where the problem is stiff.
     held_s : float [s]
         How long the last torque was held after the end of the trajectory.
     later_error_max_m, later_error_max_rad : float or None [m], [rad]
         Largest error of the output until `AFTER` = 2 s after the end, predicted by the linearization about the last
-        state: a robot without brakes drifts in open loop. None where the last torque was not held.
+        state: a robot without brakes drifts in open loop. None where the last torque was not held, and where rounding
+        errors grow to the size of this error.
     feedback : MotorFeedback or None
         The motor feedback that the robot was simulated with; None: open loop.
     open_loop : Simulation or None
-        The same without the feedback; None where there is none, or where the robot is so far off that the integration
-        breaks down.
+        The same without the feedback; None where there is none, or where rounding errors grow to the size of its error.
 
     Examples
     --------
@@ -66,15 +71,18 @@ class Simulation(Result):
     wall_s: float
     warnings: tuple[str, ...] = ()
     growth: float | None = None
+    growth_whole: float | None = None
     integrator: str = "DOP853"
     held_s: float = 0.0
     later_error_max_m: float | None = None
     later_error_max_rad: float | None = None
     feedback: MotorFeedback | None = None
     open_loop: Simulation | None = None
+    defect_max_m: float | None = None
+    defect_max_rad: float | None = None
 
     def __repr__(self) -> str:
-        return f"<Simulation {self.trajectory.meta.get('model', '')}: {error_text(self)}>"
+        return f"<Simulation {self.trajectory.meta.get('model', '')}: {error_lines(self)[0]}>"
 
     def _rows(self) -> list[tuple[str, str]]:
         return figure_rows(self.figures())
@@ -96,46 +104,59 @@ class Simulation(Result):
 
 
 def error_figures(simulation: Simulation | None, what: str = "tool", label: str | None = None) -> tuple[Figure, ...]:
-    """Errors of the output, with the conditions under which they hold.
+    """Errors of the output, each with its name and the conditions under which it holds.
 
     ``what``: the name of the output; ``label``: of the largest error, where it means something else.
     """
     run = simulation
     closed = None if run is None or run.feedback is None else run.feedback.title
-    label = label or f"simulated {what} error, largest"
     alone = None if run is None else run.open_loop
+    label = label or f"{what} error {'open loop' if closed is None else 'with motor feedback'}, largest"
+    later = f"{what} error until {AFTER:g} s after the end, predicted, largest"
+    without, defect = f"{what} error open loop, largest", "defect of the equations of motion, propagated, largest"
     rows: list[tuple[str, str | float | None, str, str]] = [
         (label, None if run is None else run.tool_error_max_m, "m", "tool_error_max_m"),
         (label, None if run is None else run.tool_error_max_rad, "rad", "tool_error_max_rad"),
         ("until how long after the end", None if run is None else run.held_s or None, "s", "held_s"),
-    ]
-    later = f"{what} error until {AFTER:g} s after the end, predicted, largest"
-    rows += [
         (later, None if run is None else run.later_error_max_m, "m", "later_error_max_m"),
         (later, None if run is None else run.later_error_max_rad, "rad", "later_error_max_rad"),
-        ("with motor feedback", closed, "", "motor_feedback"),
-        ("growth of perturbations without feedback", None if run is None else run.growth, "", "growth"),
-    ]
-    without = f"{what} error without feedback, largest"
-    rows += [
+        ("motor feedback", closed, "", "motor_feedback"),
+        ("growth of perturbations in open loop until the arm rests", None if run is None else run.growth, "", "growth"),
+        ("growth until the end", None if run is None else run.growth_whole, "", "growth_whole"),
         (without, None if alone is None else alone.tool_error_max_m, "m", "open_loop_error_max_m"),
         (without, None if alone is None else alone.tool_error_max_rad, "rad", "open_loop_error_max_rad"),
+        (defect, None if run is None else run.defect_max_m, "m", "defect_max_m"),
+        (defect, None if run is None else run.defect_max_rad, "rad", "defect_max_rad"),
     ]
     return tuple(Figure(*row) for row in rows)
 
 
-def error_text(simulation: Simulation, what: str = "tool") -> str:
-    """The errors of the output in one sentence, with the conditions under which they hold."""
+def error_lines(simulation: Simulation, what: str = "tool") -> list[str]:
+    """The errors of the output, each with its name and the conditions under which it holds."""
     run = simulation
     errors = both_measured(run.tool_error_max_m, run.tool_error_max_rad)
     if not errors:
-        return f"{what} error not measured (the trajectory has no reference)"
+        return [f"{what} error not measured (the trajectory has no reference)"]
     until = f" until {run.held_s:g} s after the end" if run.held_s else ""
     later = both_measured(run.later_error_max_m, run.later_error_max_rad)
     more = f", {later} until {AFTER:g} s" if later else ""
+    growth = "" if run.growth is None else f" (perturbations grow {growth_text(run.growth, run.growth_whole)})"
     if run.feedback is None:
-        return f"{what} error in simulation up to {errors}{until}{more}"
-    alone = run.open_loop
-    without = "the robot falls" if alone is None else both_measured(alone.tool_error_max_m, alone.tool_error_max_rad)
-    growth = "" if run.growth is None else f", perturbations grow by {run.growth:.2g}"
-    return f"{what} error up to {errors}{until}{more}, with {run.feedback.title} (without: {without}{growth})"
+        lines = [f"{what} error open loop up to {errors}{until}{more}{growth}"]
+    else:
+        alone, with_feedback = run.open_loop, f"{what} error with motor feedback up to {errors}{until}{more}"
+        found = "not determined" if alone is None else both_measured(alone.tool_error_max_m, alone.tool_error_max_rad)
+        lines = [with_feedback, run.feedback.title, f"{what} error open loop {found}{growth}"]
+    defect = both_measured(run.defect_max_m, run.defect_max_rad)
+    return [*lines, *([f"defect {defect}"] if defect else [])]
+
+
+def growth_text(growth: float, whole: float | None) -> str:
+    """By how much perturbations grow, also until the end where that is much more."""
+    more = f", by {whole:.2g} until the end" if whole is not None and whole > 10 * growth else ""
+    return f"by {growth:.2g}{more}"
+
+
+def error_text(simulation: Simulation, what: str = "tool") -> str:
+    """The same in one line."""
+    return "; ".join(error_lines(simulation, what))

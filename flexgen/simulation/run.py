@@ -18,7 +18,7 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 
 Input = Callable[[float, float], PPoly]
 
-ATOL = 1e-12  # rad or m, and their rates
+ATOL, ATOL_SHARE = 1e-12, 0.1  # rad or m, and their rates; of a relative tolerance below 1e-11
 ATOL_WORK = 1e-9  # J: work and loss are observers, they must not drive the step size below what the motion needs
 ATOL_INTEGRAL = 1e-9  # rad, motor side: of the integral part of the feedback
 
@@ -63,7 +63,7 @@ def run(
     corners : sequence of int
         Instants at which the torque jumps or has a corner: integration starts again there.
     rtol : float
-        Relative tolerance of the integrator; the absolute one is `ATOL`.
+        Relative tolerance of the integrator; the absolute one is `ATOL`, or a tenth of it.
     feedback : MotorFeedback or None
     progress : callable, optional
     """
@@ -71,7 +71,7 @@ def run(
     n = robot.dof
     integrals = 0 if feedback is None else robot.n_m
     function, in_c = _rates(equations, progress)
-    parts = [np.full(2 * n, ATOL), np.full(2, ATOL_WORK), np.full(integrals, ATOL_INTEGRAL)]
+    parts = [np.full(2 * n, min(ATOL, ATOL_SHARE * rtol)), np.full(2, ATOL_WORK), np.full(integrals, ATOL_INTEGRAL)]
     tolerances = np.concatenate(parts)
     states = np.empty((len(t), len(tolerances)))
     states[0] = np.concatenate([start, np.zeros(2 + integrals)])

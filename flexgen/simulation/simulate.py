@@ -10,9 +10,9 @@ balance
 
 verifies the integration.
 
-Where perturbations of the open loop grow by more than `UNSTABLE` over the move, no open-loop simulation measures the
-error of the torques, and no robot can be moved by them alone. There the whole move is simulated with motor feedback
-around the torques (`flexgen.simulation.motor_feedback`), and once more without it.
+Where perturbations of the open loop grow by more than `open_loop.UNSTABLE` over the move, no open-loop simulation
+measures the error of the torques, and no robot can be moved by them alone. There the whole move is simulated with motor
+feedback around the torques (`flexgen.simulation.motor_feedback`), and once more without it.
 
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
 """
@@ -36,7 +36,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.progress import Choice, reported
 from flexgen.simulation.hold import SAME, TorqueCommand, command_in
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
-from flexgen.simulation.result import Simulation
+from flexgen.simulation.result import Simulation, growth_text
 from flexgen.simulation.run import Input, Run, run
 from flexgen.simulation.start import start_state
 from flexgen.spec.ports import Port
@@ -46,13 +46,12 @@ from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types
 
 if TYPE_CHECKING:
-    from flexgen.simulation.growth import Motion
+    from flexgen.simulation.growth import Growth
 
 HELD_KEY = "held_s"  # of the meta data: how long the verification of a solution holds its last torque
-RTOL_OPEN = 1e-9  # for a robot that is far off anyway
 HELD_MAX, HELD_STEP = 60.0, 2e-3  # s: of a torque that is held after the end, and the step at which errors are taken
 RTOL = 1e-11  # a tenth of a nanometer over a meter of reach and a thousand steps
-UNSTABLE = 1e3  # growth of perturbations from which on the torques are verified with motor feedback
+FALLEN = 0.1  # rad, m: a robot falls where rounding errors grow to this size
 AUTO, NONE, PPI = "auto", "none", "ppi"
 FEEDBACKS = (AUTO, NONE, PPI)
 
@@ -141,9 +140,9 @@ def simulate(
     moving : bool
         Start with the speeds of the first sample, not at rest.
     feedback : str
-        ``"auto"``: with motor feedback where perturbations of the open loop grow by more than 1e3 over the move (known
-        where the trajectory has the channels ``v_a a_a v_m a_m``), and once more without it; ``"ppi"``: with it;
-        ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
+        ``"auto"``: with motor feedback where perturbations of the open loop grow by more than 100 over the move (known
+        where the trajectory has the channels ``v_a a_a v_m a_m``), and once more without it as far as rounding errors
+        do not grow to its size; ``"ppi"``: with it; ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
 
     Returns
     -------
@@ -162,7 +161,7 @@ def simulate(
     >>> motion.tool_error_max_m < 1e-6
     True
     """
-    from flexgen.simulation.growth import growth_along
+    from flexgen.simulation import open_loop
 
     equations = model if isinstance(model, Equations) else derive(model)
     _check_choices(trajectory, rtol, held, feedback)
@@ -171,19 +170,37 @@ def simulate(
     task = _task(equations, data, given, start, moving, float(data.meta.get(HELD_KEY, 0.0)) if held is None else held)
     task = replace(task, command=_command(equations.model, data, given["tau_m"], command))
     tell = progress if callable(progress) else None
-    motion = _motion(equations.model, data, task.t, task.given) if feedback == AUTO else None
-    growth = None if motion is None else growth_along(equations, motion)
-    if feedback == NONE or (feedback == AUTO and (growth is None or growth <= UNSTABLE)):
-        return replace(_simulate_once(task, rtol, None, tell), warnings=warnings, growth=growth)
+    growth, known = None, dict[str, Any]()
+    if feedback == AUTO:
+        growth, known = open_loop.analyze(equations, data, task.given, task.held, task.command is None)
+    known["warnings"] = warnings
+    if feedback == NONE or (feedback == AUTO and (growth is None or growth.whole <= open_loop.UNSTABLE)):
+        return replace(
+            open_loop.without_lost_errors(_simulate_once(task, open_loop.precise(rtol, growth), None, tell), growth),
+            **known,
+        )
     chosen = default_feedback(equations, given["q_a"][0], given["q_m"][0], given["tau_m"][0])
     closed = _simulate_once(task, rtol, chosen, tell)
-    try:
-        alone = _simulate_once(task, max(rtol, RTOL_OPEN), None, tell)
-    except SolverError:
-        alone = None
     if growth is not None:
-        warnings = (*warnings, _growth_warning(growth, chosen))
-    return replace(closed, warnings=warnings, growth=growth, open_loop=alone)
+        known["warnings"] = (*warnings, _growth_warning(growth, chosen))
+    return replace(closed, open_loop=_simulate_open_loop(task, rtol, growth, tell), **known)
+
+
+def _simulate_open_loop(
+    task: _Task, rtol: float, growth: Growth | None, progress: Callable[[str], None] | None
+) -> Simulation | None:
+    """The simulation without feedback; None where rounding errors grow to the size of its error."""
+    from flexgen.simulation import open_loop
+
+    floor = open_loop.ROUNDING if growth is None else growth.whole * open_loop.ROUNDING
+    if floor > FALLEN:
+        return None
+    try:
+        alone = _simulate_once(task, open_loop.precise(rtol, growth), None, progress)
+    except SolverError:
+        return None
+    found = max(alone.tool_error_max_m or 0.0, alone.tool_error_max_rad or 0.0)
+    return open_loop.without_lost_errors(alone, growth) if found >= open_loop.RESOLVED * floor else None
 
 
 @dataclass(frozen=True)
@@ -346,27 +363,10 @@ def _with_held_end(
     }
 
 
-def _growth_warning(growth: float, feedback: MotorFeedback) -> str:
+def _growth_warning(growth: Growth, feedback: MotorFeedback) -> str:
     """The warning of a robot that torques alone do not move."""
-    return (
-        f"the open loop is unstable: perturbations grow by a factor of {growth:.1e} over the move; the tool error is "
-        f"that with {feedback.title}; without feedback the robot does not follow"
-    )
-
-
-def _motion(robot: RobotModel, data: Trajectory, t: np.ndarray, given: dict[str, np.ndarray]) -> Motion | None:
-    """The motion of a trajectory at the instants ``t``, at rest after its end; None without speeds or accelerations."""
-    from flexgen.simulation.growth import Motion
-
-    names = {"a": tuple(c.name for c in robot.coordinates), "m": tuple(m.name for m in robot.motors)}
-    found = {"q_a": given["q_a"], "q_m": given["q_m"], "tau_m": given["tau_m"]}
-    for name in ("v_a", "a_a", "v_m", "a_m"):
-        labels = names[name[-1]]
-        if name not in data.channels or sorted(data.labels[name]) != sorted(labels):
-            return None
-        values = data[name][:, [data.labels[name].index(label) for label in labels]]
-        found[name] = np.pad(values, ((0, len(t) - len(values)), (0, 0)))
-    return Motion(t, **found) if all(np.isfinite(x).all() for x in found.values()) else None
+    grow = growth_text(growth.movement, growth.whole)
+    return f"the open loop is unstable: perturbations grow {grow}; the tool error is that with {feedback.title}"
 
 
 def _energy_error(equations: Equations, motion: tuple[np.ndarray, ...], work: np.ndarray, loss: np.ndarray) -> float:

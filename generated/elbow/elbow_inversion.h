@@ -124,7 +124,7 @@ typedef struct {
     /* samples after the path until the motion has settled; all after it are the equilibrium. Without the option
      * settled, or where the motion has not settled: n_post of the options */
     int n_post;
-    /* largest growth of a perturbation along the motion, see the function growth: above about 1000 the torques need
+    /* largest growth of a perturbation along the motion, see the function growth: above about 100 the torques need
      * feedback; NaN where the option growth is 0, or the motion grows beyond all numbers */
     elbow_real growth;
 } elbow_invert_info;
@@ -154,7 +154,7 @@ typedef struct {
     /* samples after the path until the motion has settled; all after it are the equilibrium. Without the option
      * settled, or where the motion has not settled: n_post of the options */
     int n_post;
-    /* largest growth of a perturbation along the motion, see the function growth: above about 1000 the torques need
+    /* largest growth of a perturbation along the motion, see the function growth: above about 100 the torques need
      * feedback; NaN where the option growth is 0, or the motion grows beyond all numbers */
     elbow_real growth;
 } elbow_invert_limited_info;
@@ -274,9 +274,10 @@ int64_t elbow_growth_work(void);
 /*
  * Largest growth of a perturbation from the start of a motion to an instant of it, under motor torques alone.
  *
- * Errors of the model and of the start grow by this factor: where it is above about 1000 only feedback keeps the robot
+ * Errors of the model and of the start grow by this factor: where it is above about 100 only feedback keeps the robot
  * on its path. It is the largest singular value of the transition matrix of the positions, of motors on the arm side,
- * with the linearization every 10 ms (at most 1000 times); at most 1e300 (single precision: 1e37). The members q_a,
+ * with the linearization every 10 ms (at most 1000 times); at most 1e300 (single precision: 1e37). Samples at the end
+ * in which the arm is at rest do not count; where there are any, the last torque is held for 0.5 s. The members q_a,
  * v_a, q_m, v_m and tau_m of the motion are read, such as invert has written them; with a hold the factor is
  * approximate. Stack: at most 11264 bytes.
  *

@@ -10,11 +10,10 @@ import flexgen
 from flexgen.inversion.hold import Hold, torque_command
 from flexgen.inversion.problem import HELD
 from flexgen.model.elements import Move
-from flexgen.model.reader import read
 from flexgen.simulation.simulate import simulate
 
 pytest.importorskip("pinocchio")
-from end_of_move import errors
+from claimed_error import claimed_error, false_claims, simulated_error
 from held_referee import confirmed_error
 
 pytestmark = needs_compiler
@@ -52,8 +51,8 @@ PERIOD = 2e-3  # s: of a controller
 def test_the_claimed_error_holds_to_half_a_second_after_the_end(name: str, move: str | Move) -> None:
     solution = flexgen.solve(name, move)
     assert solution.status == flexgen.Status.SOLVED and solution.warnings == ()
-    claimed = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0)
-    found = max(errors(read(name), solution.trajectory))
+    claimed, found = claimed_error(solution), simulated_error(solution)
+    assert false_claims(solution) == []
     assert abs(found - claimed) <= SHARE * claimed + SMALL or max(found, claimed) <= SMALL, (found, claimed)
     assert np.abs(solution.trajectory["v_a"][-1]).max() < 1e-4
 

@@ -1,6 +1,6 @@
-"""The tool error that a solution claims, against an independent simulation of the whole move.
+"""The errors of the output that a solution states, against an independent simulation of the whole move.
 
-Open loop, or under the motor feedback that the solution names; by Pinocchio and scipy alone, until 0.5 s after the end.
+Each error is simulated as the solution names it: in open loop or with the motor feedback, until its time after the end.
 """
 
 from __future__ import annotations
@@ -9,37 +9,66 @@ import signal
 from types import FrameType
 from typing import Any
 
-from closed_loop_referee import closed_loop_error
-from end_of_move import errors
+from whole_move import Gains, Pair, WholeMove
 
 from flexgen.inversion.solution import Solution
+from flexgen.simulation.result import AFTER, Simulation
 from flexgen.trajectory import Trajectory
 
 FACTOR, ACCURACY = 1.2, 1e-9  # of a claim that holds; of the simulation here [m, rad]
-RTOL = 1e-8  # of the simulation under feedback
 
 
 class _Late(Exception):
     """The simulation took too long."""
 
 
+def gains_of(simulation: Simulation) -> Gains | None:
+    """The gains of the feedback that a simulation names; None: open loop."""
+    feedback = simulation.feedback
+    return None if feedback is None else (feedback.position_gain, feedback.speed_gain, feedback.integral_gain)
+
+
 def claimed_error(solution: Solution) -> float:
     """The larger of distance [m] and angle [rad] that the solution states."""
-    return max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0)
+    return largest((solution.tool_error_max_m, solution.tool_error_max_rad))
 
 
 def simulated_error(solution: Solution, trajectory: Trajectory | None = None) -> float:
     """The same error [m, rad] of the whole move, without or with motor feedback, as in the solution."""
-    assert solution.simulation is not None
-    feedback, t = solution.simulation.feedback, solution.trajectory if trajectory is None else trajectory
-    if feedback is None:
-        return max(errors(solution.model, t, rtol=1e-12, atol=1e-14))  # 1e-10 was off by 1e-9 rad in a move
-    gains = feedback.position_gain, feedback.speed_gain, feedback.integral_gain
-    return closed_loop_error(solution.model, t, gains, rtol=RTOL)
+    run, t = solution.simulation, solution.trajectory if trajectory is None else trajectory
+    assert run is not None
+    return largest(WholeMove(solution.model, gains_of(run)).errors(t, (run.held_s,))[0])
 
 
-def simulated_within(solution: Solution, seconds: int) -> float | None:
-    """`simulated_error`; None: it took longer (sharp friction and light rotors are stiff)."""
+def largest(errors: Pair) -> float:
+    """The larger of distance [m] and angle [rad]."""
+    return max(errors[0] or 0.0, errors[1] or 0.0)
+
+
+def false_claims(solution: Solution) -> list[str]:
+    """The stated errors that the simulation of the whole move contradicts."""
+    run, t = solution.simulation, solution.trajectory
+    assert run is not None
+    title = "open loop" if run.feedback is None else "with motor feedback"
+    found = WholeMove(solution.model, gains_of(run)).errors(t, (run.held_s, AFTER))
+    rows = [
+        (title, (run.tool_error_max_m, run.tool_error_max_rad), found[0]),
+        (f"{title}, {AFTER:g} s", (run.later_error_max_m, run.later_error_max_rad), found[1]),
+    ]
+    alone = run.open_loop
+    if alone is not None:
+        pair = WholeMove(solution.model).errors(t, (run.held_s,))[0]
+        rows.append(("open loop", (alone.tool_error_max_m, alone.tool_error_max_rad), pair))
+    return [
+        f"{name}: stated {stated}, simulated {simulated}"
+        for name, claim, pair in rows
+        for stated, simulated in zip(claim, pair, strict=True)
+        if not (stated is None or simulated is None or claim_holds(stated, simulated))
+    ]
+
+
+def claims_within(solution: Solution, seconds: int) -> list[str] | None:
+    """`false_claims`; None: it took longer (sharp friction and light rotors are stiff)."""
 
     def late(number: int, frame: FrameType | None) -> Any:
         raise _Late
@@ -47,7 +76,7 @@ def simulated_within(solution: Solution, seconds: int) -> float | None:
     before = signal.signal(signal.SIGALRM, late)
     signal.alarm(seconds)
     try:
-        return simulated_error(solution)
+        return false_claims(solution)
     except _Late:
         return None
     finally:

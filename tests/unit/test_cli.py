@@ -320,7 +320,7 @@ def test_active_limits_are_not_a_missed_tolerance():
     solution = flexgen.solve("planar5_nmp")
     simulation = replace(solution.simulation, tool_error_max_m=3.9e-10)
     rows = figure_rows(replace(solution, simulation=simulation))
-    assert ("simulated tool error, largest", 3.9e-4, "um") in [
+    assert ("tool error open loop, largest", 3.9e-4, "um") in [
         (label, round(value, 9) if isinstance(value, float) else value, unit) for label, value, unit in rows
     ]
     simulation = replace(simulation, tool_error_max_m=0.0125)
@@ -380,8 +380,8 @@ def test_simulate(ask, run, trajectory, tmp_path):
     assert status == 0
     keys = (
         "model tool_error_max_m tool_error_max_rad held_s later_error_max_m later_error_max_rad motor_feedback growth "
-        "open_loop_error_max_m open_loop_error_max_rad energy_error torque_max_Nm speed_max_rad_s evaluations wall_s "
-        "trajectory"
+        "growth_whole open_loop_error_max_m open_loop_error_max_rad defect_max_m defect_max_rad energy_error "
+        "torque_max_Nm speed_max_rad_s evaluations wall_s trajectory"
     )
     assert list(data) == keys.split()
     assert data["tool_error_max_m"] < 1e-6 and data["energy_error"] < 1e-9

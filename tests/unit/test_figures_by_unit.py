@@ -82,7 +82,7 @@ def test_an_error_of_the_angle_alone_is_shown_in_radians(table: Path, monkeypatc
     shown = dataclasses.replace(solution, simulation=run, status=flexgen.Status.TOLERANCE_NOT_MET)
     for text in (str(shown), repr(run), problem_of(shown, 1e-5)):
         assert format_size(run.tool_error_max_rad, "rad") in text, text
-    units = [unit for label, value, unit in figure_rows(shown) if label == "simulated output error, largest" and value]
+    units = [unit for label, value, unit in figure_rows(shown) if label == "output error open loop, largest" and value]
     assert units == ["um", "urad"] or units == ["um", "mrad"]
 
     method = solve_module.run_method

@@ -376,8 +376,9 @@ def test_growth_of_perturbations_is_that_of_the_exponential() -> None:
     n_a, n_m, n = equations.model.n_a, equations.model.n_m, equations.model.dof
     t = np.linspace(0.0, 0.1, 201)
     arm, motors = np.zeros((201, n_a)), np.zeros((201, n_m))
-    steps = growth.transition_matrices(equations, growth.Motion(t, arm, arm, arm, motors, motors, motors, motors))
-    assert steps.shape == (50, 2 * n, 2 * n)
+    along = growth.linearize_along(equations, growth.Motion(t, arm, arm, arm, motors, motors, motors, motors))
+    steps = expm(along.means * along.lengths[:, None, None])
+    assert steps.shape == (50, 2 * n, 2 * n) and along.rest == 0.0
     state = np.array(equations.function("linearize")(arm[0], arm[0], motors[0], motors[0], motors[0])[0])
     scale = np.ones(2 * n)
     scale[n_a:n] = scale[n + n_a :] = np.abs(equations.model.eta).max(axis=1)[list(equations.model.i_m)]

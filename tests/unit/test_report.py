@@ -157,7 +157,7 @@ def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
     assert "limits active" in text and "The limits are active: the robot deviates from the path" in text
     assert (
         "distance of the tool from the reference at the same time (limits active)" in text
-        and "simulated tool error" not in text
+        and "tool error open loop" not in text
     )
     assert "modified path" not in text  # which was not measured
     assert "motor m1: <b>torque</b> & more" in text and "b" not in page.tags

@@ -1,0 +1,36 @@
+"""Residual of the equations of motion between the samples of a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexgen.mechanics.equations import Equations
+from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.growth import Motion
+from flexgen.torque_curve import torque_curve
+
+
+def midpoint_residual(equations: Equations, motion: Motion, limited: bool = False) -> np.ndarray:
+    """Residual of each equation of motion at the midpoints between the samples, (n - 1, dof) [N m or N].
+
+    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as in `simulate`,
+    independent of the solvers. Columns: arm coordinates, then the motors behind elastic gears.
+    """
+    t = motion.t
+    middle, h = (t[:-1] + t[1:]) / 2, np.diff(t)[:, None]
+    parts = (motion.q_a, motion.v_a, motion.a_a), (motion.q_m, motion.v_m, motion.a_m)
+    between = [x for part in parts for x in _half_way(h, *part)]
+    tau = torque_curve(t, motion.tau_m, limited=limited)(middle)
+    r_a, r_m = evaluate(equations.function("residual"), *between, tau)
+    n = len(middle)
+    return np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
+
+
+def _half_way(h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Quintic Hermite interpolant of samples and its two derivatives at the midpoints, (n - 1, n_q) each."""
+    q0, q1, v0, v1, a0, a1 = q[:-1], q[1:], v[:-1], v[1:], a[:-1], a[1:]
+    return (
+        (q0 + q1) / 2 + 5 * h / 32 * (v0 - v1) + h**2 / 64 * (a0 + a1),
+        15 / 8 * (q1 - q0) / h - 7 / 16 * (v0 + v1) + h / 32 * (a1 - a0),
+        3 / 2 * (v1 - v0) / h - (a0 + a1) / 4,
+    )
