@@ -12,6 +12,8 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
+from flexgen.identification import time_domain
+from flexgen.identification.time_domain import Validation
 
 pytestmark = needs_compiler
 
@@ -158,3 +160,19 @@ def test_drives_have_no_noise_delay_or_resolution_where_none_is_given(capsys, mo
     assert "0.0 0.0 0.0 0.0 0.0005" in run(capsys, *words)[1].err
     given = ["--delay", "1e-4", "--encoder-noise", "0.2", "--encoder-resolution", "0.3", "--torque-noise", "0.4"]
     assert "0.0001 0.2 0.3 0.4 0.0005" in run(capsys, *words, *given)[1].err
+
+
+@pytest.mark.parametrize("checked", [Validation((99.5, 87.0), 1.25, (0.95, 0.9)), None])
+def test_a_refinement_shows_what_experiments_that_it_did_not_use_say(checked, folder, capsys, monkeypatch):
+    monkeypatch.setattr(time_domain, "refine_and_validate", lambda found, experiment, progress: (found, checked))
+    words = ["identify", "planar5_nmp", folder / "frf.npz", "--free", "q1.stiffness", "--starts", "1", "-q"]
+    words += ["--refine", folder / "data.npz"]
+    data = json.loads(run(capsys, *words, "--json")[1].out)
+    printed = run(capsys, *words)[1].out
+    assert ("cost 1.25 (1 expected)" in printed) == (checked is not None)
+    if checked is None:
+        assert "validation" not in data
+    else:
+        assert data["validation"] == {"fit_percent": [99.5, 87.0], "cost": 1.25, "white": [0.95, 0.9]}
+        rows = [line.split() for line in printed.splitlines() if line.split()[:1] in (["m1"], ["m2"])]
+        assert rows == [["m1", "99.5", "95"], ["m2", "87", "90"]]
