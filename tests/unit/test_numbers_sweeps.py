@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from inspect import unwrap
 from types import SimpleNamespace
 
@@ -477,3 +478,28 @@ def test_scales_and_ratios_of_blocks() -> None:
 @pytest.mark.parametrize(("name", "expected"), [("elbow", (3, 8, 2)), ("planar5_nmp", (3, 8, 4))])
 def test_the_rule_of_gears(name: str, expected: tuple[int, int, int]) -> None:
     assert rule(derive(flexgen.read(name))) == expected
+
+
+def test_a_move_of_a_batch_is_warned_of_each_limit_that_it_exceeds() -> None:
+    """The second of two moves exceeds everything but the limits of its second joint."""
+    robot = flexgen.read("elbow")
+    joints = [{"lower": -1.0, "upper": 1.0, "speed_max": 2.0, "acceleration_max": 10.0}, {"upper": 9.0}]
+    elements = tuple(
+        replace(e, dofs=(replace(e.dofs[0], **limits),)) for e, limits in zip(robot.elements, joints, strict=True)
+    )
+    motors = tuple(replace(m, torque_max=5.0, speed_max=100.0) for m in robot.motors)
+    robot = replace(robot, elements=elements, motors=motors)
+    inside, above = np.array([[4.0, 5.0]]), np.array([[5.5, 5.0]])
+    two = np.vstack([inside, above])
+    peaks = Peaks(two, two, 20 * two, two, np.array([[2.0, 3.0], [2.5, 3.0]]), np.array([[9.0, 99.0], [10.5, 99.0]]))
+    starts, ends = np.array([[-1.0, 0.0], [-1.5, 0.0]]), np.array([[1.0, 9.0], [1.25, 9.0]])
+    assert batches._warnings(robot, peaks, starts, ends, 0) == ()
+    names = [motor.name for motor in robot.motors], [c.name for c in robot.coordinates]
+    assert batches._warnings(robot, peaks, starts, ends, 1) == (
+        f"motor {names[0][0]}: torque 5.5 N m exceeds its limit 5 N m",
+        f"motor {names[0][0]}: speed 110 rad/s exceeds its limit 100 rad/s",
+        f"coordinate {names[1][0]}: -1.5 rad is below its limit -1 rad",
+        f"coordinate {names[1][0]}: 1.25 rad is above its limit 1 rad",
+        f"coordinate {names[1][0]}: 2.5 rad/s exceeds its limit 2 rad/s",
+        f"coordinate {names[1][0]}: 10.5 rad/s^2 exceeds its limit 10 rad/s^2",
+    )
