@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,10 +16,12 @@ import flexgen
 from flexgen.benchmarks import bench, draws
 from flexgen.benchmarks.tune import TuningResult
 from flexgen.errors import ArgumentError
+from flexgen.model.elements import LinearSpring
 from flexgen.performance import learn, minimum_time, rigid_time
 from flexgen.performance.payload import Load
 from flexgen.planning import arguments, result, signals
 from flexgen.planning.guesses import from_solution
+from flexgen.reports.identification_texts import structure_text, verdict_text
 
 
 class Runs(SimpleNamespace):
@@ -273,3 +276,46 @@ def test_the_worst_constraint_is_named_with_its_instant() -> None:
     other: Any = SimpleNamespace(labels={"q_a": ("x",)}, channels={}, meta={"model": "other"})
     with pytest.raises(flexgen.SolverError, match="guess: given a trajectory of other, expected one of elbow with the"):
         from_solution(equations, other)
+
+
+def test_the_tables_of_new_springs_can_be_read_again() -> None:
+    made = SimpleNamespace
+    dof = SimpleNamespace(name="q2_x", axis=(0.0, 0.6, -0.8), spring=LinearSpring(1.25e6), damping=375.0)
+    old = SimpleNamespace(name="q2", axis=(1.0, 0.0, 0.0), spring=None, damping=0.0)
+    found: Any = made(
+        changes=(
+            made(kind="add", name="q2_x", gain=52.0, held_out=0.5, kept=True),
+            made(kind="remove", name="q1_y", gain=3.0, held_out=None, kept=False),
+        ),
+        added=("q2_x",),
+        removed=(),
+        model=made(elements=[made(name="arm1", dofs=(old,)), made(name="arm2", dofs=(old, dof))]),
+        identified=made(vector=made(model=made(name="planar")), status="fitted", cost=1.25),
+    )
+    text = structure_text(found)
+    assert text.startswith("planar: added q2_x, removed nothing\nfit of the result: fitted, cost 1.25 (1 expected)")
+    rows = [line.split() for line in text.splitlines() if line.split()[:1] in (["add"], ["remove"])]
+    assert rows == [["add", "q2_x", "52", "0.5", "kept"], ["remove", "q1_y", "3"]]
+    assert text.count("[[element.dof]]") == 1 and "in the element arm2 behind the joint q2:" in text
+    (table,) = tomllib.loads(text[text.index("[[element.dof]]") :])["element"]["dof"]
+    assert table == {
+        "name": "q2_x",
+        "type": "rotation",
+        "axis": [0.0, 0.6, -0.8],
+        "spring": {"type": "linear", "stiffness": 1.25e6},
+        "damping": 375.0,
+    }
+
+
+def test_a_verdict_in_words_has_its_quantiles_in_micrometers() -> None:
+    def row(model: str, median: float | None, high: float) -> Any:
+        parts = {0.5: median, 0.95: high}
+        return SimpleNamespace(model=model, error_m=(high,), error_rad=None, quantile=lambda part, unit: parts[part])
+
+    rows = (row("before", 2e-3, 5e-3), row("after", None, 1e-4))
+    made: Any = SimpleNamespace(known=False, rows=rows, move="line", robots=24)
+    text = verdict_text(made)
+    assert "of the move line with motor feedback, 24 x robots drawn from the covariance:" in text
+    assert "median, um" in text and "95 %, um" in text and "urad" not in text
+    assert [line.split() for line in text.splitlines()[-2:]] == [["before", "2000", "5000"], ["after", "0", "100"]]
+    assert "24 x the robot of --truth:" in verdict_text(SimpleNamespace(**{**vars(made), "known": True}))  # type: ignore[arg-type]
