@@ -158,8 +158,9 @@ def _slide(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
 def corners(model: RobotModel) -> list[tuple[str, int]]:
     """The corner points of a robot as one line: pairs of element and point, a line that ends at the tool.
 
-    Points of an element: 0 its origin, 1 its joints, 2 its body frame, 3 the tip of its beam; ``("base", 0)``, and
-    ``("", 0)`` the tool. From the end of a branch the line goes back to where the next one begins.
+    Points of an element: 0 its origin, 1 its joints, 2 its body frame, 3 the tip of its beam, 4 the center of mass of a
+    body at the end of a branch; ``("base", 0)``, and ``("", 0)`` the tool. From the end of a branch the line goes back
+    to where the next one begins.
     """
     trails = {"base": [("base", 0)]}
     line, here = [("base", 0)], trails["base"]
@@ -172,6 +173,8 @@ def corners(model: RobotModel) -> list[tuple[str, int]]:
 
     for element in model.elements:
         own = [(element.name, k) for k in range(3 if element.beam is None else 4)]
+        if element.name not in model.parents.values() and element.name != model.tip:
+            own.append((element.name, 4))
         here = trails[element.name] = walk(model.parents[element.name], own)
     walk(model.tip, [("", 0)])
     return line
@@ -203,6 +206,7 @@ def kinematics(model: RobotModel) -> Kinematics:
         frame = place(frame, element.link)
         points[element.name, 2] = frame.p
         spin[element.name], frames[element.name] = frame.w, frame
+        points[element.name, 4] = frame.p + ca.mtimes(frame.R, ca.vertcat(*map(ca.SX, element.body.com)))
         terms = body_energies(frame, element.body, gravity)
         kinetic, potential, drag = kinetic + terms[0], potential + terms[1], drag + terms[2]
         if element.beam is not None:

@@ -16,7 +16,7 @@ from math import factorial
 from pathlib import Path
 
 import numpy as np
-from referee import Fixed, Joint, Mass, Rotor, chain_of
+from referee import Fixed, Joint, Mass, Return, Rotor, Tip, chain_of
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients as dop853
 from scipy.interpolate import PchipInterpolator, make_interp_spline
@@ -111,7 +111,8 @@ class WholeMove:
     def __init__(self, model: RobotModel, gains: Gains | None = None) -> None:
         self.model, self.gains = model, gains
         n_a, n_m = model.n_a, model.n_m
-        steps = [_step(step) for step in chain_of(model)]
+        assert not model.branched, "this referee knows chains only"
+        steps = [_step(step) for step in chain_of(model) if not isinstance(step, (Tip, Return))]
         laws, spread = _laws(model), np.zeros((n_a + n_m, model.dof))
         spread[:n_a, :n_a] = np.eye(n_a)
         for j in range(n_m):

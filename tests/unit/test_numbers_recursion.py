@@ -368,14 +368,15 @@ def test_loops_are_taken_from_twelve_joints_where_they_are_much_shorter(monkeypa
     class Asked:
         """An arm of n joints that may carry a payload that changes."""
 
-        def __init__(self, n: int, loaded: bool, recursion: bool) -> None:
-            self.model, self.loaded, self.recursion = Made(n_a=n), loaded, recursion
+        def __init__(self, n: int, loaded: bool, recursion: bool, branched: bool = False) -> None:
+            self.model, self.loaded, self.recursion = Made(n_a=n, branched=branched), loaded, recursion
 
     monkeypatch.setattr(column_functions, "_chain_of", lambda asked: "chain")
     monkeypatch.setattr(column_functions, "arm_of", lambda asked: asked)
     monkeypatch.setattr(column_functions, "fast_function", lambda asked, name: asked.recursion or None)
-    cases = ((12, False, True), (11, False, True), (40, True, True), (40, False, False))
-    assert [column_functions.long_chain(Asked(*x)) for x in cases] == ["chain", None, None, None]  # type: ignore[arg-type]
+    cases = ((12, False, True), (11, False, True), (40, True, True), (40, False, False), (40, False, True, True))
+    found_for = [column_functions.long_chain(Asked(*x)) for x in cases]  # type: ignore[arg-type]
+    assert found_for == ["chain", None, None, None, None]
 
 
 def test_costs_of_steps_count_lanes_rows_and_both_triangles() -> None:
@@ -476,8 +477,10 @@ def test_turns_moments_and_articulated_inertias_are_those_of_matrices() -> None:
             cos, sin = (round(x, 15) + 0.0 for x in (c, s))
             close(composite_body.rotate_in_plane(A.tolist(), *axes, cos, sin), R @ A @ R.T)
         twist = Rotation.from_euler("x", 20, degrees=True).as_matrix()
-        turn = newton_euler.Turn((np.cos(np.radians(20)), np.sin(np.radians(20))), c, s, 0.0, 0)
-        R = twist @ Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+        lead = Rotation.from_euler("z", 35, degrees=True).as_matrix()
+        ahead, about = ((np.cos(np.radians(x)), np.sin(np.radians(x))) for x in (35, 20))
+        turn = newton_euler.Turn(ahead, about, c, s, 0.0, 0)
+        R = lead @ twist @ Rotation.from_euler("z", degrees, degrees=True).as_matrix()
         close(turn.back(v.tolist()), R @ v)
         close(turn.into(v.tolist()), R.T @ v)
         close(composite_body.rotate_back(turn, A.tolist()), R @ A @ R.T)
