@@ -14,18 +14,12 @@ import numpy as np
 import pytest
 from generated_robots import FAMILIES, KINDS, MOVES, generated_robot, kind_of, robots_folder
 from generated_runs import LIMIT, run
+from inverted_in_c import inversion_in_c
 
 import flexgen
 from flexgen.errors import SolverError
-from flexgen.inversion.model_library import inversion_library
-from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import grid, samples
-from flexgen.library.model_library import library_with
 from flexgen.mechanics.equations import derive
-from flexgen.mechanics.signatures import INVERSION
 from flexgen.model.reader import read
-from flexgen.paths.path import Path as MovePath
 
 try:
     from claimed_error import claim_holds, claimed_error, false_claims, simulated_error
@@ -102,22 +96,10 @@ def test_the_growth_of_invert_in_c_is_that_of_solve(number: int, tmp_path: Path)
     """However long the motion is at rest after the path: 4/m1 differed by 240."""
     assert FOLDER is not None
     equations = derive(read(generated_robot(number, FOLDER, tmp_path)))
-    functions = [name for name in INVERSION if name != "inversion_jacobians" or equations.model.n_e]
-    library = library_with(equations.model, (*functions, "linearize"), ("invert", "growth"))
     for move in equations.model.moves[:2]:
         simulation = flexgen.solve(equations, move, ignore_limits=True).simulation
         assert simulation is not None and simulation.growth is not None
-        path = MovePath(equations, move)
-        n, period, samples_per_interval, n_pre, n_post = grid(InversionProblem(equations, path), 0.01)
-        found = library.invert(
-            *samples(Reduction(equations), path, period, n),
-            period=period,
-            q_start=path.q_start,
-            n_pre=n_pre,
-            n_post=n_post,
-            samples_per_interval=samples_per_interval,
-            growth=True,
-        )
+        found = inversion_in_c(equations, move.name)
         assert 0.5 < found.growth / simulation.growth < 2.0  # the closed form begins with the path
 
 
@@ -152,19 +134,10 @@ def test_moves_that_solve_verifies_have_status_ok_in_c(number: int, tmp_path: Pa
     """With its default tolerance, on the grid of solve."""
     assert FOLDER is not None
     equations = derive(read(generated_robot(number, FOLDER, tmp_path)))
-    library, reduction, doubted = inversion_library(equations, "lq"), Reduction(equations), []
+    doubted = []
     for move in equations.model.moves:
-        problem = InversionProblem(equations, path := MovePath(equations, move))
-        n, period, samples_per_interval, n_pre, n_post = grid(problem, 0.01)
         try:
-            found = library.invert(
-                *samples(reduction, path, period, n),
-                period=period,
-                q_start=path.q_start,
-                n_pre=n_pre,
-                n_post=n_post,
-                samples_per_interval=samples_per_interval,
-            )
+            found = inversion_in_c(equations, move.name)
         except SolverError as error:
             with pytest.raises(SolverError):
                 flexgen.solve(equations, move, "lq")

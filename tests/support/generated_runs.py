@@ -5,7 +5,8 @@
 A result has the outcome ``confirmed``, ``wrong`` (reported as solved, but the tool does not follow), ``coarse`` (the
 tool follows, but samples differ from their derivatives by more than 1e-4), ``doubted`` (tolerance not met), ``refused``
 (an error with its reason) or ``time`` (no result within the limit). ``false``: the stated errors that an independent
-simulation of the whole move contradicts, None where that takes too long; a solution with one is ``wrong``.
+simulation of the whole move contradicts, None where that takes too long; a solution with one is ``wrong``. ``in_c``:
+whether `invert` in C converges at its default tolerance, ``growth_in_c``: the growth in its info.
 """
 
 from __future__ import annotations
@@ -17,19 +18,25 @@ import sys
 import tempfile
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from flexgen.model.elements import RobotModel
 
 LIMIT = float(os.environ.get("FLEXGEN_ROBOTS_LIMIT", "120"))  # s: of one solve
 REFEREE = 60  # s: of the simulation of the whole move
+UPRIGHT = 1000  # number from which on robots stand upright
 START = 60.0  # s: to import, to write the robot and to derive its equations
 
 
-def solve_moves(number: int, first: int, out: Path) -> None:
-    """Solve and confirm the moves of a robot from number ``first``; a line of JSON each."""
+def solve_moves(number: int, first: int, last: int, out: Path) -> None:
+    """Solve and confirm the moves ``first`` ... ``last`` - 1 of a robot; a line of JSON each."""
     from claimed_error import claimed_error, claims_within
     from confirmation import confirm, holds, is_false
-    from generated_robots import MOVES, generated_robot, kind_of, robots_folder
+    from generated_robots import kind_of, robots_folder
+    from inverted_in_c import invert_in_c
 
     import flexgen
 
@@ -38,12 +45,12 @@ def solve_moves(number: int, first: int, out: Path) -> None:
     family, kind = kind_of(number)
     robot = {"robot": number, "family": family, "kind": kind}
     try:
-        equations = flexgen.derive(generated_robot(number, folder, out))
+        equations = flexgen.derive(robot_of(number, folder, out))
     except flexgen.FlexgenError as error:
-        for k in range(first, MOVES):
+        for k in range(first, last):
             say({**robot, "move": k, "outcome": "refused", "reason": f"{type(error).__name__}: {error}"})
         return
-    for k in range(first, MOVES):
+    for k in range(first, last):
         say({"begin": k})
         wall, cpu = time.perf_counter(), time.process_time()
         row: dict[str, Any] = {**robot, "move": k}
@@ -69,6 +76,8 @@ def solve_moves(number: int, first: int, out: Path) -> None:
             }
             row["figures"] = confirm(equations.model, solution.trajectory)
             row["claimed"], row["false"] = claimed_error(solution), claims_within(solution, REFEREE)
+            row["feedback"] = simulation is not None and simulation.feedback is not None
+            row |= invert_in_c(equations, f"m{k}")
             if solution.status == "solved":
                 holds_it = not row["false"]
                 found = "coarse" if holds_it and not is_false(row["figures"]) else "wrong"
@@ -76,6 +85,22 @@ def solve_moves(number: int, first: int, out: Path) -> None:
             else:
                 row["outcome"] = "doubted"
         say(row)
+
+
+def robot_of(number: int, folder: Path, out: Path) -> RobotModel:
+    """A generated robot; from `UPRIGHT` on with gravity turned over and moves that take twice as long.
+
+    Such a robot is an inverted pendulum wherever the other one hangs.
+    """
+    from generated_robots import generated_robot
+
+    from flexgen.model.reader import read
+
+    model = read(generated_robot(number % UPRIGHT, folder, out))
+    if number < UPRIGHT:
+        return model
+    moves = tuple(replace(move, duration=2 * move.duration) for move in model.moves)
+    return replace(model, gravity=tuple(-x for x in model.gravity), moves=moves)
 
 
 def say(row: dict[str, Any]) -> None:
@@ -89,7 +114,7 @@ def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dic
     first = next((k for k in range(moves) if k not in done), moves)
     while first < moves:
         with tempfile.TemporaryDirectory() as folder:
-            arguments = [sys.executable, __file__, "--robot", str(number), str(first), folder]
+            arguments = [sys.executable, __file__, "--robot", str(number), str(first), str(moves), folder]
             process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
             deadline = [time.monotonic() + START + REFEREE + limit]
             stop = threading.Event()
@@ -136,7 +161,7 @@ def run(first: int, last: int, results: Path | None, moves: int, limit: float = 
 
 if __name__ == "__main__":
     if sys.argv[1] == "--robot":
-        solve_moves(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+        solve_moves(*map(int, sys.argv[2:5]), Path(sys.argv[5]))
     else:
         for result in run(int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3]), 5):
             print({key: result.get(key) for key in ("robot", "family", "kind", "move", "outcome", "cpu_s", "reason")})
