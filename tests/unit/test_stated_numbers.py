@@ -30,7 +30,7 @@ from flexgen.planning import result as planned
 from flexgen.plausibility import numbers
 from flexgen.reports import sentence, video
 from flexgen.runtime.identity import TOLERANCES
-from flexgen.simulation import after_end, simulate
+from flexgen.simulation import after_end, open_loop
 from flexgen.spec import toml_lines
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,7 +46,9 @@ SENTENCES = {
         ("at most {:g} s. A warning", problem.LONGEST_SETTLING),
         ("until {:g} s after the end with the last torque held", problem.HELD),
         ("states the error {:g} s after the end", after_end.AFTER),
-        ("grow by more than {:.0e} over", simulate.UNSTABLE),
+        ("grow by more than {:g} until", open_loop.UNSTABLE),
+        ("unless rounding errors of {:.0e} grow", open_loop.ROUNDING),
+        ("grow to {} of it", WORDS.get(1 / open_loop.RESOLVED)),
     ),
     "docs/limits_and_streams.md": (
         ("{:.0f} time constants of the slowest unstable zero are sufficient", math.log(1 / zeros.PREVIEW_SHARE)),
