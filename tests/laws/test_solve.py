@@ -222,7 +222,7 @@ def test_every_shipped_move_is_solved(name: str, move: str) -> None:
     in_m, in_rad = errors_on_path(solution)
     assert in_m < 2 * MICRON and in_rad < MICRON
     assert solution.simulation is not None
-    unstable = solution.simulation.growth_whole > UNSTABLE  # then the feedback of the verification is named, and nothing else
+    unstable = solution.simulation.growth_whole > UNSTABLE  # then the feedback is named, and nothing else
     assert [text.split(":")[0] for text in solution.warnings] == ["the open loop is unstable"] * unstable
 
 
