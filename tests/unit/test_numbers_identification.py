@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from flexgen.identification.experiments.excitation import motor_speeds, odd_line
 from flexgen.identification.motion_fit import fit_motion
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.loop.hardware import DriveHardware
+from flexgen.reports.identification_texts import text_of_responses
 
 
 def springs(model: object) -> dict[str, float]:
@@ -100,3 +102,29 @@ def test_speeds_of_motors_add_up_over_the_joints_that_they_drive() -> None:
     amplitudes = speed_amplitudes(np.array([1.0, 4.0]), np.array([3.0, 5.0]), 0.5)
     assert_allclose(amplitudes[1], 2 * amplitudes[0])
     assert_allclose(amplitudes[:, 1], 5 / 3 * amplitudes[:, 0])
+
+
+def test_references_for_a_drive_are_periods_about_the_pose(tmp_path: Path) -> None:
+    """The folder may be new; the mean of a period is the pose, and speeds are the slopes of the angles."""
+    pose = [0.5, -0.3]
+    plan = flexgen.excite("elbow", poses=[pose], period_s=1.0, lines=10)
+    files = plan.write_references(tmp_path / "new" / "folder")
+    assert [file.name for file in files] == [f"pose1_realization1_experiment{k}.csv" for k in (1, 2)]
+    for file in files:
+        head, *rows = file.read_text().splitlines()
+        assert head == "t,m1_q_ref_rad,m2_q_ref_rad,m1_v_ref_rad_s,m2_v_ref_rad_s"
+        t, q, v = np.split(np.array([[float(x) for x in row.split(",")] for row in rows]), [1, 3], axis=1)
+        step = plan.hardware.sample_s
+        assert_allclose(t[:, 0], step * np.arange(len(t)), atol=1e-12)
+        assert len(t) * step == pytest.approx(1.0)
+        assert_allclose(q.mean(axis=0), flexgen.read("elbow").eta @ pose, atol=1e-9)
+        slope = (np.roll(q, -1, axis=0) - np.roll(q, 1, axis=0)) / (2 * step)
+        assert_allclose(v, slope, atol=0.05 * np.abs(v).max())  # of the fastest line, 67 Hz
+        assert_allclose(v.std(axis=0), plan.speed_sd, rtol=1e-6)
+
+
+def test_responses_in_words_have_their_relative_deviation() -> None:
+    size = np.array([[[[2.0]], [[4.0]], [[5.0]]]])
+    data = flexgen.frf(flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)))
+    data = replace(data, G=size + 0j, variance=(size * [[[[0.01]], [[0.03]], [[0.2]]]]) ** 2)
+    assert text_of_responses(data).endswith("median standard deviation by noise: 3 %")

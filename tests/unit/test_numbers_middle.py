@@ -24,7 +24,7 @@ from flexgen.inverse_kinematics import targets
 from flexgen.mechanics import outputs, parameters, statics
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Body, Friction, RobotModel
-from flexgen.paths.segments import Line
+from flexgen.paths.segments import Line, circle_through
 
 TAU = 2 * np.pi
 
@@ -328,3 +328,22 @@ def test_a_line_is_as_long_as_its_path_or_as_its_rotation_on_the_radius() -> Non
     assert Line(total, turn, 0.3).length == pytest.approx(0.75) and not Line(total, turn, 0.3).by_arc_length
     assert Line(total, 0 * turn, largest=True).length == 0.4 and not Line(total, 0 * turn, largest=True).by_arc_length
     assert not Line(0 * total, turn, 0.3).by_arc_length and not Line(0 * total, 0 * turn).by_arc_length
+
+
+@pytest.mark.parametrize("angle", [0.5, 2.0, 3.1, 5.5])
+def test_a_circle_goes_through_three_points(angle: float) -> None:
+    """Radius 2 about (0, 2, 0) from the origin, in the plane z = 0; ``via`` at 0.3 of the angle."""
+    on = [np.array([2 * np.sin(x), 2 - 2 * np.cos(x), 0.0]) for x in (0.3 * angle, angle)]
+    found = circle_through(*on)
+    assert found is not None
+    center, axis, turned = found
+    assert_allclose(center, [0.0, 2.0, 0.0], atol=1e-12)
+    assert_allclose(axis, [0.0, 0.0, 1.0], atol=1e-12)
+    assert turned == pytest.approx(angle, rel=1e-12)
+
+
+def test_points_that_coincide_or_lie_on_a_line_have_no_circle() -> None:
+    far, near = np.array([1.0, 0.0, 0.0]), np.array([1.0, 1e-10, 0.0])
+    assert circle_through(far, near) is None and circle_through(far, 2 * far) is None
+    assert circle_through(1e-10 * far + 1e-10 * near[[1, 0, 2]], far) is None
+    assert circle_through(far, np.array([-1.0, 1e-6, 0.0])) is not None  # almost a full line, but a circle
