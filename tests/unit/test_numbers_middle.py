@@ -17,13 +17,15 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.analysis import solvability, zeros, zeros_along_path
 from flexgen.codegen.kinematic_functions import kinematic_constants
+from flexgen.codegen.motor_constants import motor_constants
 from flexgen.errors import ArgumentError
 from flexgen.expressions.evaluation import evaluate_routine
 from flexgen.expressions.routine import Block, Routine, Solve, Zeros
 from flexgen.inverse_kinematics import targets
 from flexgen.mechanics import outputs, parameters, statics
 from flexgen.mechanics.equations import Equations
-from flexgen.model.elements import Body, Friction, RobotModel
+from flexgen.mechanics.mean_friction import is_linear
+from flexgen.model.elements import Body, Friction, Gear, RobotModel
 from flexgen.paths.segments import Line, circle_through
 
 TAU = 2 * np.pi
@@ -347,3 +349,25 @@ def test_points_that_coincide_or_lie_on_a_line_have_no_circle() -> None:
     assert circle_through(far, near) is None and circle_through(far, 2 * far) is None
     assert circle_through(1e-10 * far + 1e-10 * near[[1, 0, 2]], far) is None
     assert circle_through(far, np.array([-1.0, 1e-6, 0.0])) is not None  # almost a full line, but a circle
+
+
+@pytest.mark.parametrize("side", ["arm", "motor"])
+def test_constants_of_motors_are_those_of_their_gears(side: str) -> None:
+    """A damper of the motor side acts on the arm by the ratio squared; a rigid gear has none, whatever it states."""
+    model = flexgen.read("elbow")
+    gear = replace(model.elements[1].dofs[0].gear, side=side, damping=3.0)  # type: ignore[type-var]
+    dofs = [
+        replace(e.dofs[0], gear=g) for e, g in zip(model.elements, (Gear(True, side, None, 7.0), gear), strict=True)
+    ]
+    elements = tuple(replace(e, dofs=(dof,)) for e, dof in zip(model.elements, dofs, strict=True))
+    made = motor_constants(replace(model, elements=elements))
+    factor = 1.0 if side == "arm" else model.eta[1, 1] ** 2
+    assert made.gear_damping == (0.0, pytest.approx(3.0 * factor))
+    assert made.damping_factor == (0.0, pytest.approx(factor)) and made.gear_is_rigid == (True, False)
+    assert_allclose(np.array(made.eta) @ np.array(made.eta_inverse), np.eye(2), atol=1e-12)
+    assert made.rotor_inertia == tuple(m.inertia for m in model.motors) and made.gears == ("q1", "q2")
+
+
+def test_only_viscous_friction_is_linear() -> None:
+    assert is_linear(Friction(viscous=0.5)) and is_linear(Friction()) and is_linear(Friction(0.5, offset=2.0))
+    assert not is_linear(Friction(viscous=0.5, coulomb=0.1))
