@@ -26,7 +26,7 @@ from flexgen.simulation.result import AFTER
 from flexgen.trajectory import Trajectory
 
 STEP, FEWEST, MOST = 1e-2, 50, 1000  # of the grid: its step [s], intervals
-AT_REST, AT_REST_ABS = 1e-6, 1e-9  # of the largest speed; rad/s or m/s: rounding
+AT_REST, AT_REST_ABS = 1e-4, 1e-9  # of the largest speed; rad/s or m/s: rounding
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def first_part(motion: Inversion, n: int) -> Inversion:
 def moving_part(motion: Inversion, held: float) -> Inversion:
     """The motion until it is at rest, and ``held`` [s] with its last sample."""
     speed = np.abs(motion.v_a).max(axis=1)
-    n = int(np.flatnonzero(speed > 1e-6 * speed.max())[-1]) + 1
+    n = int(np.flatnonzero(speed > 1e-4 * speed.max())[-1]) + 1
     more = ((0, round(held / PERIOD)), (0, 0))
     arrays = {key: np.pad(x[:n], more, "edge") for key, x in vars(motion).items() if np.ndim(x) == 2}
     return replace(motion, **arrays)

@@ -27,7 +27,7 @@
 enum { DOF = ELBOW_NX / 2, GROWTH_STEPS = 2, GRID_FEWEST = 50, GRID_MOST = 1000, POWER_STEPS = 12, HELD_STEPS = 50 };
 
 static const real grid_step = 1e-2;                  /* s */
-static const real at_rest = PRECISE(1e-6, 1e-4);     /* of the largest speed */
+static const real at_rest = 1e-4;                    /* of the largest speed */
 static const real at_rest_abs = PRECISE(1e-9, 1e-6); /* rad/s or m/s: rounding */
 static const real growth_max = PRECISE(1e300, 1e37);
 
