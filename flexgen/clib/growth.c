@@ -19,9 +19,9 @@
  */
 enum { DOF = MODEL_NX / 2, GROWTH_STEPS = 2, GRID_FEWEST = 50, GRID_MOST = 1000, POWER_STEPS = 12, HELD_STEPS = 50 };
 
-static const real grid_step = 1e-2;                  /* s */
-static const real at_rest = 1e-4;                    /* of the largest speed */
-static const real at_rest_abs = PRECISE(1e-9, 1e-6); /* rad/s or m/s: rounding */
+static const real grid_step = 1e-2;                 /* s */
+static const real slow_share = 1e-4;                /* of the largest speed */
+static const real slow_speed = PRECISE(1e-9, 1e-6); /* rad/s or m/s: rounding */
 static const real growth_max = PRECISE(1e300, 1e37);
 
 typedef struct {
@@ -51,7 +51,7 @@ static int growth_matrices(
 /* The last sample at which the arm moves; the last one of all where it never does. */
 static ptrdiff_t last_moving(const real *v_a, ptrdiff_t n)
 {
-    const real slow = fmax_1(at_rest_abs, at_rest * largest(v_a, (int)n * NA));
+    const real slow = fmax_1(slow_speed, slow_share * largest(v_a, (int)n * NA));
     ptrdiff_t last = n - 1;
     while (last > 0 && largest(v_a + last * NA, NA) <= slow) {
         --last;
