@@ -9,10 +9,12 @@ to zero at instants along the motion.
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 from scipy.linalg import expm, schur
 
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.outputs import output_map
 from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.growth import Linearized, Motion
@@ -62,9 +64,8 @@ def propagate_residual(
 
 def _output_rows(equations: Equations, q_a: np.ndarray) -> np.ndarray:
     """``W`` at several poses, (k, n_y, n_a)."""
-    target = np.zeros((len(q_a), equations.model.output.target_size))
-    W = evaluate(equations.function("output_constraint"), q_a, 0.0 * q_a, target)[1]
-    return W.reshape(len(q_a), -1, equations.model.n_a)
+    rate = ca.Function("W", [equations.lagrangian.chain.q_a], [output_map(equations).rate])
+    return evaluate(rate, q_a)[0].reshape(len(q_a), -1, equations.model.n_a)
 
 
 def _units(equations: Equations) -> list[str]:
