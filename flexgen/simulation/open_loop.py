@@ -15,10 +15,8 @@ from flexgen.simulation.result import Simulation
 from flexgen.trajectory import Trajectory
 
 UNSTABLE = 100.0  # growth of perturbations from which on the torques are verified with motor feedback
-TENFOLD, RTOL_LEAST = (
-    10.0,
-    1e-13,
-)  # growth from which on a simulation takes a tenth of its tolerance, not below the least
+GROWING = 10.0  # growth from which on a simulation takes a tenth of its tolerance
+RTOL_LEAST = 1e-13  # of that tolerance
 ROUNDING = 1e-12  # rad, m: errors of any simulation that the growth makes larger
 NEGLIGIBLE = 1e-10  # rad, m
 RESOLVED = 10.0  # times the growth of rounding errors: least error in open loop that a simulation determines
@@ -47,7 +45,7 @@ def analyze(
 
 def precise(rtol: float, growth: Growth | None) -> float:
     """The relative tolerance of a simulation in open loop: a tenth where perturbations grow."""
-    return rtol if growth is None or growth.whole < TENFOLD else max(rtol / 10, RTOL_LEAST)
+    return rtol if growth is None or growth.whole < GROWING else max(rtol / 10, RTOL_LEAST)
 
 
 def without_lost_errors(simulation: Simulation, growth: Growth | None) -> Simulation:

@@ -23,7 +23,7 @@ from flexgen.recursion.functions import _BUILDERS, arm_of, recursive_function
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE, ALL = 2, 40
 LARGEST = 1e-10  # of the largest entry of a result: recursion against Lagrange
-GIVEN = {"q_a": "q_a", "v_a": "v_a", "a_a": "a_a", "q_m": "q_m", "v_m": "v_m", "tau_m": "tau_m"}
+STATE = ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
 
 
 def on_trees(check, count: int, start: int = 0) -> None:
@@ -49,7 +49,7 @@ def check_recursion(equations, case: Case) -> None:
             continue
         slow, checked = equations.function(name), checked + 1
         for s in case.states:
-            known = {port: getattr(s, attribute) for port, attribute in GIVEN.items()} | {"a_m": 1.0 + 0.0 * s.q_m}
+            known = {port: getattr(s, port) for port in STATE} | {"a_m": 1.0 + 0.0 * s.q_m}
             arguments = [known.get(port, np.full(fast.size_in(port), 0.3)) for port in fast.name_in()]
             for x, y in zip(fast.call(arguments), slow.call(arguments), strict=True):
                 close(name, np.array(x), np.array(y), LARGEST, 1e-9 + np.abs(np.array(y)).max(initial=0.0))
