@@ -17,7 +17,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
-import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853
 from scipy.interpolate import make_interp_spline
@@ -25,7 +24,7 @@ from scipy.interpolate import make_interp_spline
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import Equilibrium, equilibrium_at
+from flexgen.mechanics.statics import hold_motors
 from flexgen.model.elements import BacklashSpring, Body, CubicSpring, Element, LinearSpring, RobotModel, Spring
 from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
@@ -34,7 +33,6 @@ from flexgen.trajectory import Trajectory
 
 RTOL, ATOL = 1e-8, 1e-10  # a tenth of a micrometer; the measured errors are millimeters
 SAMPLE = 2e-3  # s: longest sampling interval of the error
-NEWTON_STEPS = 60
 ControlName = Literal["feedforward", "feedback"]
 CONTROLS: tuple[ControlName, ...] = get_args(ControlName)
 
@@ -111,34 +109,6 @@ def _spring(spring: Spring, factor: float) -> Spring:
 def _body(body: Body, factor: float) -> Body:
     inertia = tuple(tuple(x * factor for x in row) for row in body.inertia)
     return replace(body, mass=body.mass * factor, inertia=inertia)
-
-
-def hold_motors(equations: Equations, q_m: np.ndarray, q_a: np.ndarray) -> Equilibrium:
-    """Equilibrium with the motors held at ``q_m`` (n_m); Newton's method starts at ``q_a`` (n_a)."""
-    model, symbol = equations.model, equations.lagrangian.chain.q_a
-    theta = np.linalg.solve(model.eta, q_m)
-    still, none = ca.DM.zeros(model.n_a), ca.DM.zeros(model.n_m)
-    r_a, _ = equations.function("residual")(symbol, still, still, ca.DM(q_m), none, none, none)
-    rows = ca.vertcat(r_a)
-    for k, i in enumerate(model.i_g):
-        dof = model.coordinates[i].dof
-        if dof is not None and dof.gear is not None and dof.gear.rigid:
-            rows[i] = symbol[i] - theta[k]
-    newton = ca.Function("hold", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
-    q = np.array(q_a, dtype=float)
-    for _ in range(NEWTON_STEPS):
-        residual, jacobian = (np.array(x) for x in newton(q))
-        try:
-            step = np.linalg.solve(jacobian, -residual[:, 0])
-        except np.linalg.LinAlgError:
-            break
-        q = q + step
-        if np.abs(step).max() <= 1e-13 * (1 + np.abs(q).max()):
-            return replace(equilibrium_at(equations, q), q_m=np.array(q_m, dtype=float))
-    raise SolverError(
-        "equilibrium with held motors: not found, the springs do not carry the arm at the start of the move; "
-        "choose another start"
-    )
 
 
 def compare_plants(

@@ -6,7 +6,7 @@ follow from the springs of the gears, and, where the output is prescribed, ``Gam
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -19,7 +19,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.type_checks import checked_result
 
-NEWTON_STEPS = 50
+NEWTON_STEPS, HOLD_STEPS = 50, 60
 
 
 @checked_result
@@ -150,6 +150,45 @@ def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> E
     newton = ca.Function("equilibrium", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
     return equilibrium_at(
         equations, _newton(newton, q_start, list(range(len(q_start))), "static equilibrium at the start of the path")
+    )
+
+
+def motor_balance(equations: Equations) -> ca.Function:
+    """Rows ``(q_a, q_m) -> (n_a)`` that vanish at rest with the motors at ``q_m``, and their slopes in ``q_a``."""
+    model, symbol = equations.model, equations.lagrangian.chain.q_a
+    q_m = ca.SX.sym("q_m", model.n_m)
+    still, none = ca.DM.zeros(model.n_a), ca.DM.zeros(model.n_m)
+    r_a, _ = equations.function("residual")(symbol, still, still, q_m, none, none, none)
+    rows = ca.vertcat(r_a)
+    theta = ca.solve(ca.DM(model.eta), q_m)
+    for k, i in enumerate(model.i_g):
+        dof = model.coordinates[i].dof
+        if dof is not None and dof.gear is not None and dof.gear.rigid:
+            rows[i] = symbol[i] - theta[k]
+    return ca.Function("hold", [symbol, q_m], [rows, ca.densify(ca.jacobian(rows, symbol))])
+
+
+def hold_motors(
+    equations: Equations, q_m: np.ndarray, q_a: np.ndarray, newton: ca.Function | None = None
+) -> Equilibrium:
+    """Equilibrium with the motors held at ``q_m`` (n_m); Newton's method starts at ``q_a`` (n_a).
+
+    ``newton``: `motor_balance`, for many calls. SolverError where there is no equilibrium nearby.
+    """
+    newton = motor_balance(equations) if newton is None else newton
+    q = np.array(q_a, dtype=float)
+    for _ in range(HOLD_STEPS):
+        residual, jacobian = (np.array(x) for x in newton(q, q_m))
+        try:
+            step = np.linalg.solve(jacobian, -residual[:, 0])
+        except np.linalg.LinAlgError:
+            break
+        q = q + step
+        if np.abs(step).max() <= 1e-13 * (1 + np.abs(q).max()):
+            return replace(equilibrium_at(equations, q), q_m=np.array(q_m, dtype=float))
+    raise SolverError(
+        "equilibrium with held motors: not found, the springs do not carry the arm at the start of the move; "
+        "choose another start"
     )
 
 

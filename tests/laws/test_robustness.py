@@ -8,8 +8,8 @@ import pytest
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.loop import robustness
-from flexgen.loop.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturb
-from flexgen.mechanics.statics import hold_joints
+from flexgen.loop.robustness import PLANTS, Bandwidth, Plant, compare_plants, perturb
+from flexgen.mechanics.statics import hold_joints, hold_motors
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 

@@ -1,0 +1,227 @@
+"""Calibration of an elastic robot from static poses: kinematics, compliances, mechanisms, masses, in one least squares.
+
+    q = command + zero + compliance * load of gravity,      y = pose of the world in the measurement * forward kinematics
+
+Sources: S. Moberg, Linkoeping 2010 (extended flexible joint model); J. Tenhumberg and B. Baeuml, Calibration of an elastic
+humanoid upper body and efficient compensation for motion planning, IEEE Humanoids 2021 (lateral compliances).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.calibration.components import Tilt, find_tilt, seen_others, tilt_slopes, whitening_of
+from flexgen.calibration.fit import CalibrationFit, Problem, fit
+from flexgen.calibration.frames import start_frames
+from flexgen.calibration.parameters import GROUPS, Priors, Unknown, trackers_of, unknowns_of
+from flexgen.calibration.poses import StaticPoses
+from flexgen.calibration.result import Calibration
+from flexgen.calibration.statics import Numbers, Statics
+from flexgen.calibration.tree import Tree
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_types
+
+FEWEST = 5  # poses
+PULL = -2.0  # standard deviations below its bound at which a compliance is a sign of a wrong model
+MANY = 1.5  # held-out error over that of the fit above which the poses are too few
+GROSS = 6.0  # scales from which an error is gross
+
+
+@checked_types
+@reported("calibrate")
+def calibrate(
+    model: RobotModel | str | Path,
+    poses: StaticPoses | str | Path,
+    *,
+    free: Sequence[str] = GROUPS,
+    place: Sequence[str] = (),
+    priors: Priors | None = None,
+    folds: int = 5,
+    robust: bool = True,
+    progress: Choice = None,
+) -> Calibration:
+    """Calibrate a model with static poses: where trackers were measured at commanded joints.
+
+    Minimizes ``sum rho(|y - y_measured|) + sum ((x - x_0)/sd)^2`` over the frame of the measurement, the positions of
+    the trackers and the free numbers; compliances stay above 0. Only products of compliance and mass can be seen at
+    rest: the priors fix what remains.
+
+    Parameters
+    ----------
+    model : RobotModel, str or Path
+        With linear springs, and a ``[[sensor]]`` of type ``tracker`` for each measured point.
+    poses : StaticPoses, str or Path
+        Or the CSV file with one line for each pose; see `StaticPoses.read`.
+    free : sequence of str
+        Groups of numbers: ``zeros`` of the joints, ``placements`` of the elements, ``compliances``, ``mechanisms`` (factors
+        of ``mimic``), ``masses`` (with centers of mass). Default: all.
+    place : sequence of str
+        Elements whose place at their parent is not known at all; found in closed form first.
+    priors : Priors, optional
+        Standard deviations about the numbers of the model.
+    folds : int
+        Parts of the poses that are left out in turn to measure the error on poses that were not fitted; 0: none.
+    robust : bool
+        Huber's loss, which limits the weight of gross errors; False: plain least squares.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    ArgumentError
+        The poses do not belong to the model, or a name is unknown.
+    ModelError
+        The model has a beam, or a spring that is not linear.
+    SolverError
+        A pose has no static equilibrium.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tracker = {"name": "p", "type": "tracker", "unit": "m", "element": "tool"}
+    >>> robot = flexgen.read("elbow", overrides={"sensor": [tracker]})
+    >>> softer = flexgen.read(robot, overrides={"element.upper.dof.q1.gear.spring.stiffness": 4e6})  # file: 7.5e6
+    >>> q = np.random.default_rng(0).uniform(-1.5, 1.5, (40, 2))
+    >>> seen = flexgen.tracker_positions(softer, q)
+    >>> found = flexgen.calibrate(robot, flexgen.StaticPoses(q, seen), free=["compliances"])
+    >>> f"{1 / found.values['q1.compliance']:.2g} N m/rad"
+    '4e+06 N m/rad'
+    """
+    tell = progress if callable(progress) else None
+    robot = model if isinstance(model, RobotModel) else read(model)
+    tree, trackers = Tree(robot), trackers_of(robot)
+    data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot)
+    _check(robot, data, len(trackers), folds)
+    unknowns = unknowns_of(tree, free, place, priors or Priors())
+    study = _Study(Statics(tree, data.commands), data.positions, unknowns, robust)
+    if tell:
+        tell("frame of the measurement, trackers and unknown places")
+    found = start_frames(study.statics, data.positions, place)
+    frames = unknowns_of(tree, (), place, priors or Priors())
+    known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
+    before = fit(Problem(study.statics, data.positions, frames, robust), np.array(list(known.values())))
+    result, tilt = study.fit(np.array([known.get(u.name, u.start) for u in unknowns]), tell)
+    held_out, seen = study.cross_validate(result, tilt, folds, tell) if folds else (None, None)
+    stiff = study.statics.rest(Numbers.of(tree, unknowns, result.x), rigid=True)
+    return Calibration(
+        robot,
+        data,
+        tuple(unknowns),
+        result.x,
+        result.covariance,
+        before.errors,
+        result.errors,
+        held_out,
+        seen,
+        np.linalg.norm(result.rest.points - stiff.points, axis=2),
+        tilt,
+        result.converged,
+        _warnings(unknowns, result, held_out),
+    )
+
+
+class _Study:
+    """Fits to all poses and to parts of them."""
+
+    def __init__(
+        self, statics: Statics, measured: np.ndarray, unknowns: Sequence[Unknown], robust: bool
+    ) -> None:
+        self.statics, self.measured, self.unknowns, self.robust = statics, measured, unknowns, robust
+        self.valid = np.isfinite(measured).all(axis=2)
+
+    def fit(self, start: np.ndarray, tell: Callable[[str], None] | None) -> tuple[CalibrationFit, Tilt | None]:
+        """Each point by itself first; then, where trackers share a tilt, with the covariance of each pose."""
+        statics, measured, unknowns = self.statics, self.measured, self.unknowns
+        found = fit(Problem(statics, measured, unknowns, self.robust), start, progress=tell)
+        tilt = self._tilt(found)
+        if tilt is None:
+            return found, None
+        problem = Problem(statics, measured, unknowns, self.robust, self._whitening(statics, found, tilt, self.valid))
+        found = fit(problem, found.x, found.rest.deflection, tell)
+        return found, self._tilt(found)
+
+    def _tilt(self, found: CalibrationFit) -> Tilt | None:
+        gross = (np.nan_to_num(found.errors) > GROSS * found.scale).any(axis=1)
+        numbers = Numbers.of(self.statics.tree, self.unknowns, found.x)
+        return find_tilt(self.statics, numbers, found.rest, self.measured, ~gross)
+
+    def _whitening(self, statics: Statics, found: CalibrationFit, tilt: Tilt, valid: np.ndarray) -> np.ndarray:
+        numbers = Numbers.of(statics.tree, self.unknowns, found.x)
+        return whitening_of(tilt, tilt_slopes(statics, numbers, found.rest, tilt.element), valid)
+
+    def cross_validate(
+        self, whole: CalibrationFit, tilt: Tilt | None, folds: int, tell: Callable[[str], None] | None
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Errors on poses that were left out, alone and with the other trackers of the pose seen."""
+        order = np.random.default_rng(0).permutation(len(self.measured))
+        errors = np.full(self.measured.shape[:2], np.nan)
+        seen = None if tilt is None else errors.copy()
+        whitening = None if tilt is None else self._whitening(self.statics, whole, tilt, self.valid)
+        for k in range(folds):
+            if tell:
+                tell(f"cross-validation {k + 1} of {folds}")
+            left_out = np.sort(order[k::folds])
+            kept = np.setdiff1d(np.arange(len(order)), left_out)
+            inner = None if whitening is None else whitening[kept]
+            problem = Problem(self.statics.among(kept), self.measured[kept], self.unknowns, self.robust, inner)
+            one = fit(problem, whole.x, whole.rest.deflection[kept])
+            numbers, others = problem.numbers(one.x), self.statics.among(left_out)
+            rest = others.rest(numbers, whole.rest.deflection[left_out])
+            errors[left_out] = np.linalg.norm(rest.measured - self.measured[left_out], axis=2)
+            if seen is not None and tilt is not None:
+                seen[left_out] = seen_others(others, numbers, rest, self.measured[left_out], tilt)
+        return errors, seen
+
+
+def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None:
+    expected = (robot.n_g, count)
+    given = (data.commands.shape[1], data.positions.shape[1])
+    if given != expected:
+        raise ArgumentError(
+            f"poses: given {given[0]} joints and {given[1]} trackers, expected {expected[0]} and {expected[1]}, those of "
+            f"model {robot.name}"
+        )
+    if len(data) < FEWEST:
+        raise ArgumentError(f"poses: given {len(data)}, expected at least {FEWEST}")
+    if folds != 0 and not 2 <= folds <= len(data):
+        raise ArgumentError(f"folds: given {folds}, expected 0, or 2 to {len(data)}, the number of poses")
+    if not np.isfinite(data.positions).all(axis=2).any(axis=0).all():
+        raise ArgumentError("poses: given a tracker that was seen in no pose, expected at least one position of each")
+
+
+def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
+    """Values of the frame of the measurement, the trackers and the places, from the search in closed form."""
+    arrays = {"frame": found.frame, "tracker": found.trackers, "node": found.shifts}
+    return np.array([arrays[u.kind][u.at if len(u.at) > 1 else u.at[0]] for u in unknowns])
+
+
+def _warnings(unknowns: Sequence[Unknown], found: CalibrationFit, held_out: np.ndarray | None) -> tuple[str, ...]:
+    """What a user has to know before he trusts the numbers."""
+    out = []
+    wrong = [u.name.removesuffix(".compliance") for u, pull in zip(unknowns, found.pull, strict=True) if pull < PULL]
+    if wrong:
+        out.append(
+            f"the measurements ask for a negative compliance of {', '.join(wrong)}: a mechanism, a spring below it or a mass "
+            "of the model is wrong or missing"
+        )
+    if held_out is not None and np.nanmean(held_out) > MANY * np.nanmean(found.errors):
+        out.append(
+            f"the mean error on poses that were not fitted is {np.nanmean(held_out) / np.nanmean(found.errors):.2g} times that "
+            "of the fit: measure more poses, or free fewer groups"
+        )
+    gross = np.flatnonzero((np.nan_to_num(found.errors) > GROSS * found.scale).any(axis=1))
+    if len(gross):
+        shown = ", ".join(str(k + 1) for k in gross[:10]) + (", ..." if len(gross) > 10 else "")
+        out.append(f"{len(gross)} poses have an error above {1e3 * GROSS * found.scale:.3g} mm: rows {shown} of the poses")
+    if not found.converged:
+        out.append("the search did not end at a minimum")
+    return tuple(out)

@@ -1,0 +1,216 @@
+"""Robust least squares with Gaussian priors: Gauss-Newton steps with damping, weights of Huber.
+
+    min  sum rho(|y - y_measured| / s) + sum ((x - x_0)/sd)^2,     rho(u) = u^2 for u <= k, 2 k u - k^2 beyond
+
+One length per point and not one per axis, so that the fit does not depend on the axes. The scale ``s`` is the median of
+the errors over 1.54, the median of the length of a vector of three unit Gaussians.
+
+Source: P. J. Huber, Robust Statistics, 1981, ch. 7; J. Nocedal and S. Wright, Numerical Optimization, 2nd ed. 2006, ch. 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.calibration.parameters import Unknown
+from flexgen.calibration.statics import Numbers, Rest, Statics
+from flexgen.deadline import check_time
+from flexgen.errors import SolverError
+
+TUNING = 2.5  # k of Huber's function: 2.5 standard deviations of one axis
+MEDIAN_LENGTH = 1.538172  # of a vector of three unit Gaussians
+STEPS = 40
+SMALL_GAIN = 2e-5  # of the objective, as a part: where the search ends
+DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
+LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of 1000 times
+
+
+@dataclass(frozen=True)
+class CalibrationFit:
+    """A minimum.
+
+    ``x`` (p,), ``rest``, ``errors`` (N, k) [m]; ``covariance`` (p, p): of ``x``, zero for numbers at a bound; ``pull``
+    (p,): where these would be without it, in standard deviations from it; ``scale`` [m]; ``converged``.
+    """
+
+    x: np.ndarray
+    rest: Rest
+    errors: np.ndarray
+    covariance: np.ndarray
+    pull: np.ndarray
+    scale: float
+    converged: bool
+
+
+class Problem:
+    """Measured positions, unknowns with their priors and bounds; see `fit`.
+
+    ``whitening`` (N, 3 k, 3 k): with it the errors of a pose are ``W r`` with unit covariance, and count as one length;
+    without it each point counts, over the scale.
+    """
+
+    def __init__(
+        self,
+        statics: Statics,
+        measured: np.ndarray,
+        unknowns: Sequence[Unknown],
+        robust: bool,
+        whitening: np.ndarray | None = None,
+    ) -> None:
+        self.statics, self.unknowns, self.robust, self.whitening = statics, unknowns, robust, whitening
+        self.valid = np.isfinite(measured).all(axis=2)
+        self.measured = np.where(self.valid[..., None], measured, 0.0)
+        self.center = np.array([u.start for u in unknowns])
+        self.precision = np.array([u.sd for u in unknowns]) ** -2.0
+        self.lower = np.array([LEAST * u.start if u.kind == "compliance" else -np.inf for u in unknowns])
+
+    def numbers(self, x: np.ndarray) -> Numbers:
+        """All numbers of the tree."""
+        return Numbers.of(self.statics.tree, self.unknowns, x)
+
+    def evaluate(self, x: np.ndarray, near: np.ndarray | None) -> tuple[Rest, np.ndarray, np.ndarray]:
+        """The rest, the differences (N, k, 3), zero where nothing was measured, and their lengths (N, k) [m]."""
+        rest = self.statics.rest(self.numbers(x), near)
+        gap = np.where(self.valid[..., None], rest.measured - self.measured, 0.0)
+        return rest, gap, np.linalg.norm(gap, axis=2)
+
+    def scale(self, lengths: np.ndarray) -> float:
+        """Standard deviation of one axis [m] from the median of the lengths."""
+        return max(float(np.median(lengths[self.valid])) / MEDIAN_LENGTH, 1e-9)
+
+    def objective(self, x: np.ndarray, gap: np.ndarray, scale: float) -> float:
+        """The function that is minimized."""
+        u, count = self._sizes(gap, scale)
+        loss = np.where(u > TUNING, 2 * TUNING * u - TUNING**2, u**2) if self.robust else u**2
+        return float(count * loss.sum() + (self.precision * (x - self.center) ** 2).sum())
+
+    def _sizes(self, gap: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
+        """Sizes of the errors for the loss, (N, k), or with a whitening (N, 1) for k points; and this k, else 1."""
+        if self.whitening is None:
+            return np.linalg.norm(gap, axis=2) / scale, 1
+        k = gap.shape[1]
+        z = (self.whitening @ gap.reshape(len(gap), -1, 1))[..., 0]
+        return np.linalg.norm(z, axis=1, keepdims=True) / np.sqrt(k), k
+
+    def slopes(self, x: np.ndarray, rest: Rest, gap: np.ndarray, scale: float) -> Slopes:
+        """Sums of the normal equations."""
+        u, _ = self._sizes(gap, scale)
+        weights = np.minimum(1.0, TUNING / np.maximum(u, 1e-12)) if self.robust else np.ones(u.shape)
+        J = self.statics.slopes(self.numbers(x), rest, self.unknowns)
+        J = np.where(self.valid[:, :, None, None], J, 0.0)
+        N, p = len(J), len(x)
+        rows, r = J.reshape(N, -1, p), gap.reshape(N, -1)
+        if self.whitening is None:
+            w = np.repeat(weights, 3, axis=1) / scale**2
+        else:
+            rows, r = self.whitening @ rows, (self.whitening @ r[..., None])[..., 0]
+            w = np.broadcast_to(weights, r.shape)
+        by_pose = np.einsum("nr,nrp->np", w * r, rows)
+        flat = rows.reshape(-1, p)
+        return Slopes(flat.T @ (w.reshape(-1, 1) * flat), by_pose, self.precision * (x - self.center))
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """``A`` (p, p): J' W J; ``by_pose`` (N, p): J' W r of each pose; ``prior`` (p,): slope of the priors."""
+
+    A: np.ndarray
+    by_pose: np.ndarray
+    prior: np.ndarray
+
+    @property
+    def whole(self) -> np.ndarray:
+        """Half the slope of the objective."""
+        return np.asarray(self.by_pose.sum(axis=0) + self.prior)
+
+
+def fit(
+    problem: Problem,
+    start: np.ndarray,
+    deflection: np.ndarray | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> CalibrationFit:
+    """Minimize the objective from the values ``start`` (p,); ``deflection`` (N, n_E): where equilibria are searched.
+
+    Raises
+    ------
+    SolverError
+        There is no equilibrium at the start.
+    """
+    x, damping, converged = np.maximum(start.astype(float), problem.lower), DAMPING, False
+    rest, gap, lengths = problem.evaluate(x, deflection)
+    for count in range(STEPS):
+        check_time("calibrate")
+        scale = problem.scale(lengths)
+        if progress is not None:
+            progress(f"step {count}: mean error {1e3 * lengths[problem.valid].mean():.3f} mm")
+        slopes = problem.slopes(x, rest, gap, scale)
+        matrix, slope = slopes.A + np.diag(problem.precision), slopes.whole
+        before = problem.objective(x, gap, scale)
+        after = np.inf
+        while damping < MOST_DAMPING:
+            there = x + _bounded_step(matrix + damping * np.diag(np.diag(matrix)), slope, problem.lower - x)
+            try:
+                trial = problem.evaluate(there, rest.deflection)
+                after = problem.objective(there, trial[1], scale)
+            except SolverError:
+                after = np.inf
+            if after <= before:
+                break
+            damping *= 10.0
+        if not after <= before:
+            converged = True  # no step along the slope lowers the objective: rounding
+            break
+        x, (rest, gap, lengths), damping = there, trial, max(damping / 10.0, LEAST_DAMPING)
+        if before - after < SMALL_GAIN * before:
+            converged = True
+            break
+    return _accuracy(problem, x, rest, gap, lengths, converged)
+
+
+def _bounded_step(matrix: np.ndarray, slope: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """The step with ``step >= least`` that minimizes ``2 slope' step + step' matrix step``: an active set."""
+    held = np.zeros(len(slope), bool)
+    step = np.zeros(len(slope))
+    for _ in range(2 * len(slope)):
+        free = ~held
+        step[held] = least[held]
+        step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], slope[free] + matrix[np.ix_(free, held)] @ least[held])
+        low = free & (step < least)
+        if low.any():
+            held |= low
+            continue
+        force = slope + matrix @ step  # >= 0 where a bound has to hold
+        released = held & (force < -1e-9 * np.abs(slope).max())
+        if not released.any():
+            break
+        held[np.argmin(np.where(released, force, np.inf))] = False
+    return np.maximum(step, least)
+
+
+def _accuracy(
+    problem: Problem, x: np.ndarray, rest: Rest, gap: np.ndarray, lengths: np.ndarray, converged: bool
+) -> CalibrationFit:
+    """The covariance at a minimum from the slopes of single poses, with priors: ``H^-1 (sum g g' + P) H^-1``.
+
+    The errors of one pose may depend on each other: its trackers share what deflects below them.
+    """
+    scale = problem.scale(lengths)
+    slopes = problem.slopes(x, rest, gap, scale)
+    matrix = slopes.A + np.diag(problem.precision)
+    free = (x > problem.lower) | (slopes.whole < 0)
+    inner = np.ix_(free, free)
+    inverse = np.linalg.inv(matrix[inner])
+    used = float(np.trace(inverse @ slopes.A[inner]))  # degrees of freedom that the data determine
+    g = slopes.by_pose[:, free]
+    factor = max(1.0, 3 * problem.valid.sum() / max(3 * problem.valid.sum() - used, 1.0))
+    covariance = np.zeros(matrix.shape)
+    covariance[inner] = inverse @ (factor * g.T @ g + np.diag(problem.precision[free])) @ inverse
+    everything = np.linalg.inv(matrix)
+    beyond = -everything @ slopes.whole
+    sd = np.sqrt(np.maximum(np.diag(everything), 1e-300))
+    pull = np.where(free, 0.0, beyond / sd)
+    return CalibrationFit(x, rest, np.where(problem.valid, lengths, np.nan), covariance, pull, scale, converged)

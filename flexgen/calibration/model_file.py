@@ -1,0 +1,158 @@
+"""The calibrated numbers as keys of a model file.
+
+A zero turns (or shifts) the place of its element's axis: it is part of ``origin`` where the actuated axis is the first one
+of the element, of ``link`` where it is the last one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.calibration.parameters import trackers_of
+from flexgen.calibration.statics import Numbers, frame_rotation
+from flexgen.calibration.tree import SHIFTS, Tree, rotations
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import Dof, Element, Placement, RobotModel
+
+VARIANT = "calibrated"
+
+
+def changes_of(model: RobotModel, numbers: Numbers, frame: np.ndarray | None = None) -> dict[str, Any]:
+    """Dotted keys of the model file and their values; only those that differ from the model.
+
+    ``frame``: pose (6,) of the world in the frame of the measurement, which then becomes the world.
+
+    Raises
+    ------
+    ArgumentError
+        The zero of an axis between others of one element changed: no key of a model file has it.
+    """
+    tree, out = Tree(model), {}
+    for element in model.elements:
+        origin, link = _placements(tree, element, numbers)
+        for key, new, old in (("origin", origin, element.origin), ("link", link, element.link)):
+            if new is not old:
+                out[f"element.{element.name}.{key}"] = _pose(new)
+        for dof in element.dofs:
+            out |= _springs(tree, element, dof, numbers)
+    for k, (name, _, body) in enumerate(tree.bodies):
+        table = "payload" if name == "payload" else f"element.{name}.body"
+        if numbers.masses[k] != body.mass:
+            out[f"{table}.mass"] = _number(numbers.masses[k])
+        if (numbers.centers[k] != body.com).any():
+            out[f"{table}.com"] = _numbers(numbers.centers[k])
+    for sensor, position in zip(trackers_of(model), numbers.trackers, strict=True):
+        if (position != sensor.position).any():
+            out[f"sensor.{sensor.name}.position"] = _numbers(position)
+    if frame is not None:
+        R = frame_rotation(frame)
+        base = Placement(
+            tuple(frame[:3] + R @ model.base.position), tuple(map(tuple, R @ np.array(model.base.rotation)))
+        )
+        out |= {"base": _pose(base), "gravity": _numbers(R @ model.gravity)}
+    return out
+
+
+def _placements(tree: Tree, element: Element, numbers: Numbers) -> tuple[Placement, Placement]:
+    """``origin`` and ``link`` with the shifts of the element's place, and with the zeros of its axes.
+
+    A mechanism turns with the zeros of the coordinates that it names.
+    """
+    origin, link, shifts = element.origin, element.link, numbers.shifts
+    moved = shifts[[tree.index[f"{element.name}.{s}"] for s in SHIFTS]]
+    if moved.any():
+        origin = _joined(origin, Placement(tuple(moved[:3]), tuple(map(tuple, frame_rotation(moved)))))
+    for k, dof in enumerate(element.dofs):
+        zero = shifts[tree.index[dof.name]]
+        zero += sum(numbers.factors[tree.index[dof.name], tree.index[on]] * shifts[tree.index[on]] for on, _ in dof.mimic)
+        if zero == 0.0:
+            continue
+        axis = np.array(dof.axis)
+        turn = rotations(axis, np.array([zero]))[0] if dof.type == "rotation" else np.eye(3)
+        shift = zero * axis if dof.type == "translation" else np.zeros(3)
+        step = Placement(tuple(shift), tuple(map(tuple, turn)))
+        if k == 0:
+            origin = _joined(origin, step)
+        elif k == len(element.dofs) - 1:
+            link = _joined(step, link)
+        else:
+            raise ArgumentError(
+                f"element {element.name}: given the zero of {dof.name} between other axes, expected the actuated axis "
+                "first or last in its element"
+            )
+    return origin, link
+
+
+def _springs(tree: Tree, element: Element, dof: Dof, numbers: Numbers) -> dict[str, Any]:
+    """Stiffness of an elastic coordinate, or the factors of a mechanism, where they changed."""
+    place = f"element.{element.name}.dof.{dof.name}"
+    if dof.mimic:
+        new = {on: _number(numbers.factors[tree.index[dof.name], tree.index[on]]) for on, _ in dof.mimic}
+        return {} if new == dict(dof.mimic) else {f"{place}.mimic": new}
+    if dof.name not in tree.elastic:
+        return {}
+    old, new_value = tree.elastic[dof.name], numbers.compliances[list(tree.elastic).index(dof.name)]
+    if new_value == old:
+        return {}
+    spring = dof.gear.spring if dof.gear is not None else dof.spring
+    stiffness = vars(spring)["stiffness"] * old / new_value  # on the side of the gear to which the key refers
+    return {f"{place}.{'gear.' if dof.gear is not None else ''}spring.stiffness": _number(stiffness)}
+
+
+def calibrated_text(model: RobotModel, changes: dict[str, Any], source: str) -> str:
+    """The text of the model file with the variant ``calibrated``.
+
+    Raises
+    ------
+    ArgumentError
+        The model is not from a ``.toml`` file with ``[[element]]`` tables, is a variant, or has this variant.
+    """
+    file = Path(model.file or "")
+    if model.variant or VARIANT in model.variants or not model.file or file.suffix != ".toml":
+        given = f"the variant {model.variant!r}" if model.variant else f"the model {model.name} of {model.file or 'no file'}"
+        raise ArgumentError(
+            f"write: given {given}, expected a model without variant of a .toml file that has no variant {VARIANT!r}; the "
+            "numbers are in the values of the result and in --json"
+        )
+    head = f"[variant.{VARIANT}]\ndescription = {_quoted(' '.join(source.split())[:300])}\n"
+    rows = "".join(f"{_quoted(key)} = {_toml(value)}\n" for key, value in changes.items())
+    return f"{file.read_text(encoding='utf-8').rstrip()}\n\n{head}\n[variant.{VARIANT}.set]\n{rows}"
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+    return f"[{', '.join(map(repr, value))}]" if isinstance(value, list) else repr(value)
+
+
+def _quoted(text: str) -> str:
+    """A text as a TOML string."""
+    kept = "".join(x if x.isprintable() and x not in '"\\' else "?" for x in text)
+    return f'"{kept}"'
+
+
+def _pose(placement: Placement) -> dict[str, Any]:
+    rotation = [x for row in placement.rotation for x in row]
+    return {"position": _numbers(placement.position), "rotation": _numbers(rotation)}
+
+
+def _joined(first: Placement, second: Placement) -> Placement:
+    """The placement of the second in the first."""
+    R = np.array(first.rotation)
+    return Placement(
+        tuple(np.array(first.position) + R @ second.position), tuple(map(tuple, R @ np.array(second.rotation)))
+    )
+
+
+def _number(x: float) -> float:
+    """A number as the file has it: without rounding errors of 1e-18, which no file may have."""
+    return 0.0 if abs(x) < 1e-15 else float(x)
+
+
+def _numbers(values: Iterable[float]) -> list[float]:
+    return [_number(x) for x in values]

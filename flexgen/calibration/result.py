@@ -1,0 +1,231 @@
+"""What a calibration found: numbers with their accuracy, errors before, after and on poses that were not fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.atomic_files import write_text
+from flexgen.calibration.components import Tilt
+from flexgen.calibration.model_file import calibrated_text, changes_of
+from flexgen.calibration.parameters import FRAME, Unknown
+from flexgen.calibration.poses import StaticPoses
+from flexgen.calibration.statics import Numbers, Statics
+from flexgen.calibration.tree import Tree
+from flexgen.display import plain
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.results import Result
+from flexgen.type_checks import checked_result
+
+CANDIDATES = 300  # random poses from which new ones are chosen
+DETERMINED = 0.5  # of the prior's standard deviation: below it, the measurements determine a number
+
+
+@checked_result
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Result):
+    """A calibrated model.
+
+    Parameters
+    ----------
+    nominal : RobotModel
+        The model as it was.
+    poses : StaticPoses
+    unknowns : tuple of Unknown
+        The free numbers: names, units, prior means and standard deviations.
+    x, covariance : array (p,), (p, p)
+        Their values, and the covariance; zero for a compliance that is held at its lower bound.
+    errors_before, errors : array (N, k) [m]
+        Distances of the trackers from the model's points: of the nominal model, where only the frame of the
+        measurement, the trackers and the elements without a known place are fitted, and of the calibrated one.
+    errors_held_out : array (N, k) [m] or None
+        The same of fits without the pose, in turn for each fold.
+    errors_seen : array (N, k) [m] or None
+        The same as `errors_held_out` where the other trackers of the pose are seen; None: nothing is shared.
+    sag : array (N, k) [m]
+        Distances of the trackers from where they were without deflections.
+    tilt : Tilt or None
+        What changes from pose to pose and moves several trackers together.
+    converged : bool
+    warnings : tuple of str
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> robot = flexgen.read("elbow", overrides={"sensor": [{"name": "p", "type": "tracker", "unit": "m"}]})
+    >>> q = np.random.default_rng(0).uniform(-1.5, 1.5, (30, 2))
+    >>> points = flexgen.tracker_positions(robot, q)
+    >>> found = flexgen.calibrate(robot, flexgen.StaticPoses(q, points), free=["zeros"])
+    >>> float(found.errors.max()) < 1e-6, "q1.zero" in found.values
+    (True, True)
+    """
+
+    nominal: RobotModel
+    poses: StaticPoses
+    unknowns: tuple[Unknown, ...]
+    x: np.ndarray
+    covariance: np.ndarray
+    errors_before: np.ndarray
+    errors: np.ndarray
+    errors_held_out: np.ndarray | None
+    errors_seen: np.ndarray | None
+    sag: np.ndarray
+    tilt: Tilt | None
+    converged: bool
+    warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"<Calibration {self.nominal.title}: {self.sentence}>"
+
+    __str__ = __repr__
+
+    @property
+    def sentence(self) -> str:
+        """The result in one line."""
+        held = self.errors_held_out
+        proof = "" if held is None else f", {1e3 * np.nanmean(held):.3g} mm on poses that were not fitted"
+        return (
+            f"{len(self.poses)} poses, {len(self.unknowns)} numbers; mean error {1e3 * np.nanmean(self.errors_before):.3g} "
+            f"mm before, {1e3 * np.nanmean(self.errors):.3g} mm after{proof}"
+        )
+
+    @property
+    def problem(self) -> str:
+        """Why the result cannot be used; empty where it can."""
+        return "" if self.converged else "calibration: the search did not end at a minimum; free fewer groups"
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The calibrated numbers by name; units: those of ``unknowns``."""
+        return {u.name: float(x) for u, x in zip(self.unknowns, self.x, strict=True)}
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """Standard deviations by name; 0 where a bound holds a compliance."""
+        return {u.name: float(s) for u, s in zip(self.unknowns, np.sqrt(np.diag(self.covariance)), strict=True)}
+
+    @property
+    def determined(self) -> dict[str, bool]:
+        """Whether the measurements determine a number: its standard deviation is below half of that of the prior."""
+        return {u.name: 0.0 < self.sd[u.name] < DETERMINED * u.sd for u in self.unknowns}
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Keys of the model file with their new values."""
+        return changes_of(self.nominal, self.numbers)
+
+    @property
+    def numbers(self) -> Numbers:
+        """All numbers of the calibrated tree."""
+        return Numbers.of(Tree(self.nominal), self.unknowns, self.x)
+
+    @property
+    def model(self) -> RobotModel:
+        """The calibrated model, in the world of the nominal one; `frame` says where the measurement sees it.
+
+        Raises
+        ------
+        ArgumentError
+            The model is not from a file with ``[[element]]`` tables.
+        """
+        if not self.nominal.file:
+            raise ArgumentError("calibration: given a model without a file, expected one that was read from a .toml file")
+        return read(self.nominal.file, self.nominal.variant or None, overrides=self.changes)
+
+    @property
+    def frame(self) -> np.ndarray:
+        """Pose (6,) of the world in the frame of the measurement: shift [m], angles about x, new y, new z [rad]."""
+        return np.array([self.values[f"{FRAME}.{name}"] for name in ("x", "y", "z", "rx", "ry", "rz")])
+
+    def predict(self, commands: np.ndarray) -> np.ndarray:
+        """Positions (N, k, 3) [m] of the trackers in the frame of the measurement, at commands (N, n_g) [rad or m]."""
+        return Statics(Tree(self.nominal), np.asarray(commands, dtype=float)).rest(self.numbers).measured
+
+    def propose_poses(self, count: int, candidates: np.ndarray | None = None, seed: int = 0) -> np.ndarray:
+        """Commands (count, n_g) of the poses whose measurement tells most: the least determinant of the covariance.
+
+        Chosen one after the other among ``candidates`` (m, n_g), default: random ones within the range of the measured
+        commands; check them for collisions and for what the sensor can see.
+
+        Raises
+        ------
+        ArgumentError
+            There are fewer candidates than poses to choose.
+
+        Source: V. V. Fedorov, Theory of Optimal Experiments, 1972 (D-optimal designs).
+        """
+        low, high = self.poses.commands.min(axis=0), self.poses.commands.max(axis=0)
+        if candidates is None:
+            candidates = np.random.default_rng(seed).uniform(low, high, (max(CANDIDATES, 3 * count), len(low)))
+        if not 0 < count <= len(candidates):
+            raise ArgumentError(f"count: given {count}, expected 1 to {len(candidates)}, the number of candidates")
+        statics, numbers = Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)), self.numbers
+        J = statics.slopes(numbers, statics.rest(numbers), self.unknowns).reshape(len(candidates), -1, len(self.x))
+        J = J / max(float(np.nanmedian(self.errors)), 1e-9)
+        covariance, chosen = self.covariance.copy(), []
+        for _ in range(count):
+            inner = np.eye(J.shape[1]) + J @ covariance @ np.swapaxes(J, 1, 2)
+            gain = np.linalg.slogdet(inner)[1]
+            gain[chosen] = -np.inf
+            best = int(np.argmax(gain))
+            chosen.append(best)
+            across = covariance @ J[best].T
+            covariance -= across @ np.linalg.solve(inner[best], across.T)
+        return np.asarray(candidates, dtype=float)[chosen]
+
+    def write(self, path: str | Path, world: str = "robot") -> Path:
+        """Write the model file with a variant ``calibrated`` that sets the new numbers; the rest stays as it is.
+
+        Parameters
+        ----------
+        path : str or Path
+            Read it as ``FILE@calibrated``.
+        world : str
+            ``"robot"``: the world of the model stays; ``"measurement"``: base and gravity are turned such that
+            positions are those of the measurement.
+
+        Raises
+        ------
+        ArgumentError
+            The model is not from a ``.toml`` file, or it is a variant of one.
+        """
+        if world not in ("robot", "measurement"):
+            raise ArgumentError(f"world: given {world!r}, expected 'robot' or 'measurement'")
+        changes = changes_of(self.nominal, self.numbers, self.frame if world == "measurement" else None)
+        text = calibrated_text(self.nominal, changes, f"{self.poses.source}: {self.sentence}")
+        target = Path(path)
+        if target.suffix != ".toml":
+            raise ArgumentError(f"path: given {str(path)!r}, expected a name that ends in .toml")
+        return write_text(target, text)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Figures and numbers as JSON types."""
+        held = self.errors_held_out
+        return plain(
+            {
+                "model": self.nominal.title,
+                "poses": len(self.poses),
+                "source": self.poses.source,
+                "mean_error_before_m": float(np.nanmean(self.errors_before)),
+                "mean_error_m": float(np.nanmean(self.errors)),
+                "largest_error_m": float(np.nanmax(self.errors)),
+                "mean_error_held_out_m": None if held is None else float(np.nanmean(held)),
+                "mean_error_seen_m": None if self.errors_seen is None else float(np.nanmean(self.errors_seen)),
+                "mean_sag_m": float(np.nanmean(self.sag)),
+                "tilt": None if self.tilt is None else self.tilt.to_dict(),
+                "values": self.values,
+                "sd": self.sd,
+                "units": {u.name: u.unit for u in self.unknowns},
+                "determined": self.determined,
+                "warnings": list(self.warnings),
+            }
+        )
+
+    def _entries(self) -> dict[str, Any]:
+        return self.to_dict()
+

@@ -1,0 +1,271 @@
+"""Measured points of an elastic tree at rest, and their exact derivatives in all parameters.
+
+    q_k = command_k + shift_k + deflection_k,   deflection = c tau(q),   q_mechanism = sum factor_k q_k
+    y = f + F p                                 f, F: pose of the world in the frame of the measurement
+
+``c``: compliances; ``tau``: load of gravity on each elastic coordinate, where that of a mechanism acts on the
+coordinates that it names. With ``T`` the nodes that an elastic coordinate moves, ``H = dtau/dq`` and ``J = dp/dq``, the
+implicit function theorem gives, for a number with direct effects ``q'``, ``c'``, ``tau'``,
+
+    L = J T (1 - c T' H T)^-1,      dp = (J + L c T' H) q' + L (c' tau + c tau')
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.calibration.parameters import Unknown, trackers_of
+from flexgen.calibration.tree import IDENTITY, Posture, Tree, rotations
+from flexgen.errors import SolverError
+
+NEWTON_STEPS = 20
+SETTLED = 1e-9  # rad or m: largest change of a deflection in the last step
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers of a tree that are free, each set as a whole.
+
+    ``shifts`` (n): of the nodes; ``frame`` (6); ``trackers`` (k, 3); ``compliances`` (n_E); ``factors``: (node of a
+    mechanism, node of a coordinate) -> factor; ``masses`` (b); ``centers`` (b, 3).
+    """
+
+    shifts: np.ndarray
+    frame: np.ndarray
+    trackers: np.ndarray
+    compliances: np.ndarray
+    factors: dict[tuple[int, int], float]
+    masses: np.ndarray
+    centers: np.ndarray
+
+    @classmethod
+    def of(cls, tree: Tree, unknowns: Sequence[Unknown] = (), x: Sequence[float] | np.ndarray = ()) -> Numbers:
+        """Those of the model, with the values ``x`` of the unknowns."""
+        index, sensors = tree.index, trackers_of(tree.model)
+        new = cls(
+            np.zeros(len(tree.nodes)),
+            np.zeros(6),
+            np.array([sensor.position for sensor in sensors], float),
+            np.array(list(tree.elastic.values()), float),
+            {(index[m], index[k]): f for m, factors in tree.mimics.items() for k, f in factors.items()},
+            np.array([body.mass for _, _, body in tree.bodies]),
+            np.array([body.com for _, _, body in tree.bodies], float).reshape(-1, 3),
+        )
+        arrays = {
+            "node": new.shifts,
+            "frame": new.frame,
+            "tracker": new.trackers,
+            "compliance": new.compliances,
+            "factor": new.factors,
+            "mass": new.masses,
+            "center": new.centers,
+        }
+        for unknown, value in zip(unknowns, x, strict=True):
+            arrays[unknown.kind][unknown.at if len(unknown.at) > 1 else unknown.at[0]] = value  # type: ignore[index]
+        return new
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The robot at rest at N poses.
+
+    ``q`` (N, n): values of the nodes; ``deflection`` (N, n_E); ``load`` (N, n_E): ``tau`` [N m or N]; ``points``
+    (N, k, 3): the trackers in the world; ``measured`` (N, k, 3): in the frame of the measurement [m].
+    """
+
+    q: np.ndarray
+    deflection: np.ndarray
+    load: np.ndarray
+    points: np.ndarray
+    measured: np.ndarray
+    posture: Posture
+    loads: Loads | None
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Loads of gravity on all nodes.
+
+    ``tau`` (n, N) [N m or N]; ``T`` (n, n_E); ``crossed`` (n, N, 3): ``g x z``, zero of translations; ``shift`` (n, N, 3):
+    change of the first moment of all bodies [kg m] in a node; ``centers`` (b, N, 3): of mass, in the world [m].
+    """
+
+    tau: np.ndarray
+    T: np.ndarray
+    crossed: np.ndarray
+    shift: np.ndarray
+    centers: np.ndarray
+
+
+class Statics:
+    """The equations of this module for a tree and its commands.
+
+    Parameters
+    ----------
+    tree : Tree
+    commands : array (N, n_g) [rad or m]
+        Actuated coordinates of the model without deflections.
+    """
+
+    def __init__(self, tree: Tree, commands: np.ndarray) -> None:
+        self.tree, self.model, self.commands = tree, tree.model, commands
+        self.actuated = [tree.index[c.name] for c in tree.model.coordinates if c.actuated]
+        self.elastic = np.array([tree.index[name] for name in tree.elastic], int)
+        self.mechanisms = [tree.index[name] for name in tree.mimics]
+        self.rows = np.concatenate([self.elastic, self.mechanisms]).astype(int)
+        self.slides = np.array([node.slides for node in tree.nodes])
+        self.gravity = np.array(tree.model.gravity)
+        self.held = np.array([mount.node for _, mount, _ in tree.bodies], int)
+        self.places = [tree.tip(sensor.place) for sensor in trackers_of(tree.model)]
+
+    def among(self, rows: np.ndarray) -> Statics:
+        """The same for some of the poses."""
+        return Statics(self.tree, self.commands[rows])
+
+    def rest(self, numbers: Numbers, start: np.ndarray | None = None, *, rigid: bool = False) -> Rest:
+        """The robot at rest under gravity; Newton's method starts from the deflections ``start`` (N, n_E).
+
+        ``rigid``: without deflections, and without their slopes.
+
+        Raises
+        ------
+        SolverError
+            A pose has no equilibrium nearby.
+        """
+        T = self._moves(numbers)
+        direct = np.tile(numbers.shifts, (len(self.commands), 1))
+        direct[:, self.actuated] += self.commands
+        deflection = np.zeros((len(direct), len(self.elastic))) if start is None else start
+        c = numbers.compliances
+        for _ in range(NEWTON_STEPS):
+            q = self._values(numbers, direct, deflection)
+            posture = self.tree.posture(q)
+            if rigid:
+                loads, load = None, np.zeros_like(deflection)
+                break
+            loads = self._loads(numbers, posture, T)
+            load = (T.T @ loads.tau).T
+            gap = c * load - deflection
+            matrix = np.eye(len(c)) - c[:, None] * (self._load_slopes(loads, self.rows) @ T[self.rows])
+            try:
+                step = np.linalg.solve(matrix, gap[..., None])[..., 0]
+            except np.linalg.LinAlgError:
+                step = np.full_like(gap, np.nan)
+            if not np.abs(step).max() < 1.0:
+                raise SolverError("calibration: a pose has no static equilibrium, the springs do not carry the arm")
+            if not len(c) or np.abs(gap).max() < SETTLED:
+                break
+            deflection = deflection + step
+        else:
+            raise SolverError(f"calibration: no static equilibrium in {NEWTON_STEPS} steps")
+        places = zip(self.places, numbers.trackers, strict=True)
+        points = np.stack([self.tree.point(posture, mount, x) for mount, x in places], axis=1)
+        measured = numbers.frame[:3] + points @ frame_rotation(numbers.frame).T
+        return Rest(q, deflection, load, points, measured, posture, loads)
+
+    def slopes(self, numbers: Numbers, rest: Rest, unknowns: Sequence[Unknown]) -> np.ndarray:
+        """Derivatives (N, k, 3, p) of the measured positions in the unknowns, at a rest of the same numbers."""
+        loads, c = rest.loads, numbers.compliances
+        assert loads is not None  # of a rest that is not rigid
+        T, N = loads.T, len(rest.q)
+        F, turned = frame_rotation(numbers.frame), frame_slopes(numbers.frame)
+        H = self._load_slopes(loads, np.arange(len(T)))
+        matrix = np.eye(len(c)) - c[:, None] * (H @ T)
+        out = np.zeros((len(unknowns), N, len(self.places), 3))
+        for k, mount in enumerate(self.places):
+            J = self.tree.point_slopes(rest.posture, mount, rest.points[:, k])
+            L = np.swapaxes(np.linalg.solve(np.swapaxes(matrix, 1, 2), np.swapaxes(J @ T, 1, 2)), 1, 2)
+            D = np.ascontiguousarray(np.moveaxis(F @ (J + (L * c) @ H), 2, 0))  # (n, N, 3)
+            L = np.ascontiguousarray(np.moveaxis(F @ L, 2, 0))
+            R = F @ rest.posture.R[mount.node] @ mount.rotation
+            for i, unknown in enumerate(unknowns):
+                at = unknown.at
+                if unknown.kind == "node":
+                    out[i, :, k] = D[at[0]] + sum(f * D[m] for (m, on), f in numbers.factors.items() if on == at[0])
+                elif unknown.kind == "compliance":
+                    out[i, :, k] = L[at[0]] * rest.load[:, at[0], None]
+                elif unknown.kind == "tracker" and at[0] == k:
+                    out[i, :, k] = R[:, :, at[1]]
+                elif unknown.kind == "factor":
+                    on_coordinates = np.einsum("e,eNi->Ni", c * T[at[1]], L)  # the reaction of the mechanism
+                    out[i, :, k] = D[at[0]] * rest.q[:, at[1], None] + on_coordinates * loads.tau[at[0]][:, None]
+                elif unknown.kind in ("mass", "center"):
+                    change = self._weight_slope(numbers, rest, unknown) @ T[self.rows]  # (N, n_E)
+                    out[i, :, k] = np.einsum("eNi,Ne->Ni", L, change * c)
+                elif unknown.kind == "frame":
+                    out[i, :, k] = IDENTITY[at[0]] if at[0] < 3 else rest.points[:, k] @ turned[at[0] - 3].T
+        return np.moveaxis(out, 0, 3)
+
+    def _moves(self, numbers: Numbers) -> np.ndarray:
+        """``T`` (n, n_E): the nodes that each elastic coordinate moves, through mechanisms too."""
+        T = np.zeros((len(self.tree.nodes), len(self.elastic)))
+        T[self.elastic, np.arange(len(self.elastic))] = 1.0
+        for m in self.mechanisms:
+            T[m] = sum(f * T[on] for (which, on), f in numbers.factors.items() if which == m)
+        return T
+
+    def _values(self, numbers: Numbers, direct: np.ndarray, deflection: np.ndarray) -> np.ndarray:
+        """Values (N, n) of the nodes."""
+        q = direct.copy()
+        q[:, self.elastic] += deflection
+        for m in self.mechanisms:
+            q[:, m] += sum(f * q[:, on] for (which, on), f in numbers.factors.items() if which == m)
+        return q
+
+    def _loads(self, numbers: Numbers, posture: Posture, T: np.ndarray) -> Loads:
+        """Loads and their slopes; see `flexgen.calibration.tree`."""
+        tree, g = self.tree, self.gravity
+        bodies = zip(tree.bodies, numbers.centers, strict=True)
+        centers = np.stack([tree.point(posture, mount, x) for (_, mount, _), x in bodies])
+        weighted = tree.carries[:, self.held] * numbers.masses  # (n, b)
+        mass = weighted.sum(axis=1)
+        moment = np.tensordot(weighted, centers, 1) - mass[:, None, None] * posture.o
+        sliding = self.slides[:, None, None]
+        shift = np.where(sliding, mass[:, None, None] * posture.z, np.cross(posture.z, moment))  # d(sum m c)/dq
+        crossed = np.where(sliding, 0.0, np.cross(g, posture.z))
+        return Loads(shift @ g, T, crossed, shift, centers)
+
+    def _load_slopes(self, loads: Loads, columns: np.ndarray) -> np.ndarray:
+        """``T' H`` (N, n_E, columns): slopes of the loads of the elastic coordinates in the values of some nodes."""
+        carries, rows = self.tree.carries, self.rows
+        a, b = np.swapaxes(loads.crossed, 0, 1), np.moveaxis(loads.shift, 0, 2)  # (N, n, 3), (N, 3, n)
+        carried = a[:, rows] @ b[:, :, columns]
+        carrying = np.swapaxes(a[:, columns] @ b[:, :, rows], 1, 2)
+        H = np.where(carries[np.ix_(rows, columns)], carried, carrying)
+        H *= carries[np.ix_(rows, columns)] | carries[np.ix_(columns, rows)].T
+        n = len(self.elastic)
+        slopes = H[:, :n]
+        for k, m in enumerate(self.mechanisms):
+            for e in np.flatnonzero(loads.T[m]):
+                slopes[:, e] += loads.T[m, e] * H[:, n + k]
+        return slopes
+
+    def _weight_slope(self, numbers: Numbers, rest: Rest, unknown: Unknown) -> np.ndarray:
+        """Derivative (N, rows) of loads in a mass or a coordinate of a center of mass; rows: elastic, mechanisms."""
+        body, rows = unknown.at[0], self.rows
+        mount, loads, at = self.tree.bodies[body][1], rest.loads, rest.posture
+        assert loads is not None
+        if unknown.kind == "mass":
+            slope = np.einsum("aNi,aNi->Na", loads.crossed[rows], loads.centers[body] - at.o[rows])
+            slope += np.where(self.slides[rows], (at.z[rows] @ self.gravity).T, 0.0)
+        else:
+            direction = at.R[mount.node] @ mount.rotation[:, unknown.at[1]]
+            slope = numbers.masses[body] * np.einsum("aNi,Ni->Na", loads.crossed[rows], direction)
+        return slope * self.tree.carries[rows, mount.node]
+
+
+def frame_rotation(frame: np.ndarray) -> np.ndarray:
+    """Rotation matrix of ``frame[3:]``: rotations about x, then the new y, then the new z [rad]."""
+    parts = [rotations(axis, frame[3 + k : 4 + k])[0] for k, axis in enumerate(IDENTITY)]
+    return parts[0] @ parts[1] @ parts[2]
+
+
+def frame_slopes(frame: np.ndarray) -> list[np.ndarray]:
+    """Derivatives of `frame_rotation` in its three angles."""
+    parts = [rotations(axis, frame[3 + k : 4 + k])[0] for k, axis in enumerate(IDENTITY)]
+    hats = [np.cross(axis, IDENTITY).T for axis in IDENTITY]
+    x, y, z = parts
+    return [hats[0] @ x @ y @ z, x @ hats[1] @ y @ z, x @ y @ hats[2] @ z]

@@ -1,0 +1,76 @@
+"""Where the trackers of a robot are at rest, with the motors at commanded angles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations, derive, robot_of
+from flexgen.mechanics.kinematics import place
+from flexgen.mechanics.statics import hold_motors, motor_balance
+from flexgen.model.elements import Placement, RobotModel
+from flexgen.model.sensors import TOOL
+from flexgen.type_checks import checked_types
+
+
+@checked_types
+def tracker_positions(
+    model: str | Path | RobotModel | Equations, commands: np.ndarray, *, sag: bool = True
+) -> np.ndarray:
+    """Positions of the trackers, or of the tool, at rest under gravity with the motors at commanded angles.
+
+    Solves ``g(q_a) = tau_springs(q_a, q_m)``, ``q_m = eta commands``, by Newton's method for each pose.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    commands : array (N, n_g) [rad or m]
+        Actuated coordinates that the motors reach: motor angles over the gear ratios.
+    sag : bool
+        False: without deflections.
+
+    Returns
+    -------
+    array (N, k, 3) [m]
+        In the world, in the order of the ``[[sensor]]`` tables of type ``tracker``; the tool where there is none.
+
+    Raises
+    ------
+    ArgumentError
+        The commands have another shape.
+    SolverError
+        The springs do not carry the arm at a pose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> sag = flexgen.tracker_positions("elbow", np.zeros((1, 2))) - flexgen.tracker_positions(
+    ...     "elbow", np.zeros((1, 2)), sag=False
+    ... )
+    >>> f"{1e3 * sag[0, 0, 1]:.2f} mm"
+    '-1.05 mm'
+    """
+    robot = robot_of(model)
+    q_g = np.array(commands, dtype=float)
+    if q_g.ndim != 2 or q_g.shape[1] != robot.n_g or not np.isfinite(q_g).all():
+        raise ArgumentError(f"commands: given shape {q_g.shape}, expected finite numbers of shape (N, {robot.n_g})")
+    equations = model if isinstance(model, Equations) else derive(robot)
+    chain = equations.lagrangian.chain
+    points = [
+        place(chain.tool if sensor.place == TOOL else chain.frames[sensor.place], Placement(tuple(sensor.position))).p
+        for sensor in robot.sensors
+        if sensor.type == "tracker"
+    ] or [chain.tool.p]
+    positions = ca.Function("positions", [chain.q_a], [ca.densify(ca.horzcat(*points))])
+    newton = motor_balance(equations) if sag else None
+    out = np.zeros((len(q_g), len(points), 3))
+    for k, command in enumerate(q_g):
+        q = np.zeros(robot.n_a)
+        q[list(robot.i_g)] = command
+        if newton is not None:
+            q = hold_motors(equations, robot.eta @ command, q, newton).q_a
+        out[k] = np.array(positions(q)).T
+    return out
