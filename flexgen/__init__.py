@@ -33,6 +33,8 @@ _VERBS = {
     "identify": "flexgen.identification.graybox",
     "refine": "flexgen.identification.time_domain",
     "fit_motion": "flexgen.identification.motion_fit",
+    "calibrate": "flexgen.calibration.calibrate",
+    "tracker_positions": "flexgen.inverse_kinematics.forward",
     "control": "flexgen.loop.control",
     "feedback_study": "flexgen.laws.study",
     "tune": "flexgen.benchmarks.tune",
@@ -162,6 +164,7 @@ registry.EXPORTS |= {
 }
 _NOUNS = {
     "Analysis": "flexgen.analysis.analyze",
+    "Calibration": "flexgen.calibration.result",
     "Cascade": "flexgen.loop.controllers",
     "Check": "flexgen.plausibility.finding",
     "CollisionDetector": "flexgen.observers.collision",
@@ -221,6 +224,7 @@ _NOUNS = {
     "PID": "flexgen.loop.gains",
     "Plan": "flexgen.identification.experiments.excitation",
     "PlanProblem": "flexgen.planning.problem",
+    "Priors": "flexgen.calibration.parameters",
     "PlantRun": "flexgen.loop.result",
     "Port": "flexgen.spec.ports",
     "PoseTarget": "flexgen.model.moves",
@@ -236,6 +240,7 @@ _NOUNS = {
     "Solution": "flexgen.inversion.solution",
     "Segment": "flexgen.benchmarks.scenario",
     "Sphere": "flexgen.planning.obstacles",
+    "StaticPoses": "flexgen.calibration.poses",
     "Status": "flexgen.inversion.status",
     "Stream": "flexgen.runtime.stream",
     "SweepResult": "flexgen.sweeps.sweep",
@@ -263,6 +268,8 @@ _FORMER = {  # names of version 0.2
 _RESULTS = {
     "Result.picture": "flexgen.plots.canvas:save",
     "Result.report": "flexgen.reports.result_page:write_result",
+    "Calibration.plot": "flexgen.plots.calibration:plot_calibration",
+    "Calibration.to_text": "flexgen.reports.calibration_texts:text_of_calibration",
     "Detection.plot": "flexgen.plots.signals:plot_arrays",
     "Estimate.plot": "flexgen.plots.signals:plot_arrays",
     "Estimated.plot": "flexgen.plots.identification:parameter_plot",

@@ -9,6 +9,10 @@ from flexgen.benchmarks.score import Score as Score
 from flexgen.benchmarks.score import score as score
 from flexgen.benchmarks.tune import TuningResult as TuningResult
 from flexgen.benchmarks.tune import tune as tune
+from flexgen.calibration.calibrate import calibrate as calibrate
+from flexgen.calibration.parameters import Priors as Priors
+from flexgen.calibration.poses import StaticPoses as StaticPoses
+from flexgen.calibration.result import Calibration as Calibration
 from flexgen.catalogue import describe as describe
 from flexgen.catalogue import models as models
 from flexgen.errors import ArgumentError as ArgumentError
@@ -38,6 +42,7 @@ from flexgen.identification.motion_fit import MotionFit as MotionFit
 from flexgen.identification.motion_fit import fit_motion as fit_motion
 from flexgen.identification.result import IdentificationResult as IdentificationResult
 from flexgen.identification.time_domain import refine as refine
+from flexgen.inverse_kinematics.forward import tracker_positions as tracker_positions
 from flexgen.inverse_kinematics.search import Configuration as Configuration
 from flexgen.inverse_kinematics.search import kinematics as kinematics
 from flexgen.inversion.bounds import Limits as Limits

@@ -242,6 +242,23 @@ identify MODEL | identify:identify | identify
     files
         out FILE: write the new model file (.toml)
         @report
+calibrate MODEL | calibration:calibrate | calibrate
+    arguments
+        <poses> DATA: CSV file of static poses: commanded joints (q1_rad or q1_deg), positions of the trackers (NAME_x_m
+            or NAME_x_mm, ...); one line for each pose
+    fit
+        free NAME,NAME,... names: groups of numbers: zeros, placements, compliances, mechanisms, masses; default: all
+        place NAME,NAME,... names: elements whose place at their parent is not known
+        prior NAME=VALUE setting several: standard deviation of a prior: zero [rad or m], position [m], rotation [rad],
+            compliance (multiple of that of the file), mass (part of it), center [m], factor, tracker [m]
+        folds N whole_0: parts of the poses that are left out in turn, for the error on poses that were not fitted;
+            default: {default}; 0: none
+        no_robust: plain least squares: gross errors keep their weight
+    files
+        add_poses N whole_1: print N further poses whose measurement tells most
+        world in=robot/measurement: world of the new model file: that of the robot (default) or of the measurement
+        out FILE toml_file: write the model file with a variant 'calibrated' (.toml)
+        @report
 control MODEL | control:control | control
     robot
         plants NAME:KEY=X,... plant several --plant: another robot: {FACTORS}; such as soft:stiffness=0.8,payload=5; may
@@ -298,6 +315,8 @@ kinematics MODEL | control:kinematics | kinematics
         position X_Y_Z numbers: of the tool in the world [m]
         rotation X_Y_Z numbers: rotation vector of the tool in the world [rad]; default: 0 0 0
         sag: the elastic robot at rest under gravity reaches the pose
+        command Q_... numbers: instead: where the trackers (or the tool) are at rest, with the motors at these joints
+            [rad or m]
     arm
         fixed NAME=X joint_value several: a joint of a redundant arm that keeps a value [rad or m]; may be repeated
 score | control:score | score

@@ -1,9 +1,9 @@
 """Calibration of an elastic robot from static poses: kinematics, compliances, mechanisms, masses, in one least squares.
 
-    q = command + zero + compliance * load of gravity,      y = pose of the world in the measurement * forward kinematics
+    q = command + zero + compliance * load of gravity,      y = pose of the world in the measurement * kinematics(q)
 
-Sources: S. Moberg, Linkoeping 2010 (extended flexible joint model); J. Tenhumberg and B. Baeuml, Calibration of an elastic
-humanoid upper body and efficient compensation for motion planning, IEEE Humanoids 2021 (lateral compliances).
+Sources: S. Moberg, Linkoeping 2010 (extended flexible joint model); J. Tenhumberg and B. Baeuml, Calibration of an
+elastic humanoid upper body and efficient compensation for motion planning, IEEE Humanoids 2021 (lateral compliances).
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ def calibrate(
     poses : StaticPoses, str or Path
         Or the CSV file with one line for each pose; see `StaticPoses.read`.
     free : sequence of str
-        Groups of numbers: ``zeros`` of the joints, ``placements`` of the elements, ``compliances``, ``mechanisms`` (factors
-        of ``mimic``), ``masses`` (with centers of mass). Default: all.
+        Groups of numbers: ``zeros`` of the joints, ``placements`` of the elements, ``compliances``, ``mechanisms``
+        (factors of ``mimic``), ``masses`` (with centers of mass). Default: all.
     place : sequence of str
         Elements whose place at their parent is not known at all; found in closed form first.
     priors : Priors, optional
@@ -89,9 +89,9 @@ def calibrate(
     >>> import numpy as np
     >>> tracker = {"name": "p", "type": "tracker", "unit": "m", "element": "tool"}
     >>> robot = flexgen.read("elbow", overrides={"sensor": [tracker]})
-    >>> softer = flexgen.read(robot, overrides={"element.upper.dof.q1.gear.spring.stiffness": 4e6})  # file: 7.5e6
+    >>> softer = {"sensor": [tracker], "element.upper.dof.q1.gear.spring.stiffness": 4e6}  # file: 7.5e6 N m/rad
     >>> q = np.random.default_rng(0).uniform(-1.5, 1.5, (40, 2))
-    >>> seen = flexgen.tracker_positions(softer, q)
+    >>> seen = flexgen.tracker_positions(flexgen.read("elbow", overrides=softer), q)
     >>> found = flexgen.calibrate(robot, flexgen.StaticPoses(q, seen), free=["compliances"])
     >>> f"{1 / found.values['q1.compliance']:.2g} N m/rad"
     '4e+06 N m/rad'
@@ -132,9 +132,7 @@ def calibrate(
 class _Study:
     """Fits to all poses and to parts of them."""
 
-    def __init__(
-        self, statics: Statics, measured: np.ndarray, unknowns: Sequence[Unknown], robust: bool
-    ) -> None:
+    def __init__(self, statics: Statics, measured: np.ndarray, unknowns: Sequence[Unknown], robust: bool) -> None:
         self.statics, self.measured, self.unknowns, self.robust = statics, measured, unknowns, robust
         self.valid = np.isfinite(measured).all(axis=2)
 
@@ -187,8 +185,8 @@ def _check(robot: RobotModel, data: StaticPoses, count: int, folds: int) -> None
     given = (data.commands.shape[1], data.positions.shape[1])
     if given != expected:
         raise ArgumentError(
-            f"poses: given {given[0]} joints and {given[1]} trackers, expected {expected[0]} and {expected[1]}, those of "
-            f"model {robot.name}"
+            f"poses: given {given[0]} joints and {given[1]} trackers, expected {expected[0]} and {expected[1]}, "
+            f"those of model {robot.name}"
         )
     if len(data) < FEWEST:
         raise ArgumentError(f"poses: given {len(data)}, expected at least {FEWEST}")
@@ -210,18 +208,21 @@ def _warnings(unknowns: Sequence[Unknown], found: CalibrationFit, held_out: np.n
     wrong = [u.name.removesuffix(".compliance") for u, pull in zip(unknowns, found.pull, strict=True) if pull < PULL]
     if wrong:
         out.append(
-            f"the measurements ask for a negative compliance of {', '.join(wrong)}: a mechanism, a spring below it or a mass "
-            "of the model is wrong or missing"
+            f"the measurements ask for a negative compliance of {', '.join(wrong)}: a mechanism, a spring below it or "
+            "a mass of the model is wrong or missing"
         )
-    if held_out is not None and np.nanmean(held_out) > MANY * np.nanmean(found.errors):
+    ratio = 1.0 if held_out is None else float(np.nanmean(held_out) / max(np.nanmean(found.errors), 1e-9))
+    if ratio > MANY:
         out.append(
-            f"the mean error on poses that were not fitted is {np.nanmean(held_out) / np.nanmean(found.errors):.2g} times that "
-            "of the fit: measure more poses, or free fewer groups"
+            f"the mean error on poses that were not fitted is {ratio:.2g} times that of the fit: measure more poses "
+            "or free fewer groups"
         )
     gross = np.flatnonzero((np.nan_to_num(found.errors) > GROSS * found.scale).any(axis=1))
     if len(gross):
         shown = ", ".join(str(k + 1) for k in gross[:10]) + (", ..." if len(gross) > 10 else "")
-        out.append(f"{len(gross)} poses have an error above {1e3 * GROSS * found.scale:.3g} mm: rows {shown} of the poses")
+        out.append(
+            f"{len(gross)} poses have an error above {1e3 * GROSS * found.scale:.3g} mm: rows {shown} of the poses"
+        )
     if not found.converged:
         out.append("the search did not end at a minimum")
     return tuple(out)

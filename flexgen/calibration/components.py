@@ -2,9 +2,9 @@
 
     r = noise + B tilt,      noise ~ N(0, s^2 I),   tilt ~ N(0, diag(d)),      Sigma = s^2 I + B diag(d) B'
 
-``r`` (3 k): errors of all trackers of a pose; ``B``: their derivatives in three rotations of the element. ``s`` and ``d`` are
-those of the largest likelihood. Trackers that a tilt moves together tell about each other: with one seen, the error of
-another is ``Sigma_ba Sigma_aa^-1 r_a``.
+``r`` (3 k): errors of all trackers of a pose; ``B``: their derivatives in three rotations of the element. ``s``, ``d``:
+those of the largest likelihood. Trackers that a tilt moves together tell about each other: with one seen, the error
+of another is ``Sigma_ba Sigma_aa^-1 r_a``.
 
 Source: S. R. Searle, G. Casella, C. E. McCulloch, Variance Components, 1992, ch. 6-7.
 """
@@ -25,6 +25,7 @@ from flexgen.type_checks import checked_result
 
 START_TILT = 1e-3  # rad
 FEWEST = 20  # poses with all trackers seen
+QUIET = 1e-7  # m: errors below this, as of simulated poses, need no explanation
 UNSEEN = 1e3  # m: standard deviation of a point that was not seen
 
 
@@ -73,22 +74,24 @@ def whitening_of(tilt: Tilt, B: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return np.linalg.inv(np.linalg.cholesky(sigma + unseen[:, :, None] * np.eye(B.shape[1])))
 
 
-def find_tilt(
-    statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarray, usable: np.ndarray
-) -> Tilt | None:
+def find_tilt(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarray, usable: np.ndarray) -> Tilt | None:
     """The tilt of the largest likelihood among the elements that move at least two trackers.
 
-    ``usable`` (N,): False for poses with gross errors. None: fewer than two trackers share an element, or too few poses
-    see them all.
+    ``usable`` (N,): False for poses with gross errors. None: fewer than two trackers share an element, too few poses
+    see them all, or there are no errors.
     """
     tree = statics.tree
-    moved = {e.name: tree.carries[tree.index[f"{e.name}.rx"], [m.node for m in statics.places]] for e in tree.model.elements}
+    moved = {
+        e.name: tree.carries[tree.index[f"{e.name}.rx"], [m.node for m in statics.places]] for e in tree.model.elements
+    }
     shared = [name for name, which in moved.items() if which.sum() >= 2]
     seen = np.isfinite(measured).all(axis=2)
     complete = seen.all(axis=1) & usable
     if not shared or complete.sum() < FEWEST:
         return None
     r = (rest.measured - measured)[complete].reshape(int(complete.sum()), -1)
+    if np.abs(r).max() < QUIET:
+        return None
     found = [(_likelihood(r, tilt_slopes(statics, numbers, rest, name)[complete]), name) for name in shared]
     (_, x), name = min(found, key=lambda one: one[0][0])
     sd = np.exp(x / 2)

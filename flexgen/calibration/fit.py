@@ -5,7 +5,7 @@
 One length per point and not one per axis, so that the fit does not depend on the axes. The scale ``s`` is the median of
 the errors over 1.54, the median of the length of a vector of three unit Gaussians.
 
-Source: P. J. Huber, Robust Statistics, 1981, ch. 7; J. Nocedal and S. Wright, Numerical Optimization, 2nd ed. 2006, ch. 10.
+Source: P. J. Huber, Robust Statistics, 1981, ch. 7; J. Nocedal and S. Wright, Numerical Optimization, 2006, ch. 10.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ MEDIAN_LENGTH = 1.538172  # of a vector of three unit Gaussians
 STEPS = 40
 SMALL_GAIN = 2e-5  # of the objective, as a part: where the search ends
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
+SHARPEST = 1e-6  # m: least scale, also where the poses are simulated without noise
+FLAT = 1e-12  # part of the curvature along a number that directions without any information get
 LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of 1000 times
 
 
@@ -79,7 +81,7 @@ class Problem:
 
     def scale(self, lengths: np.ndarray) -> float:
         """Standard deviation of one axis [m] from the median of the lengths."""
-        return max(float(np.median(lengths[self.valid])) / MEDIAN_LENGTH, 1e-9)
+        return max(float(np.median(lengths[self.valid])) / MEDIAN_LENGTH, SHARPEST)
 
     def objective(self, x: np.ndarray, gap: np.ndarray, scale: float) -> float:
         """The function that is minimized."""
@@ -178,7 +180,9 @@ def _bounded_step(matrix: np.ndarray, slope: np.ndarray, least: np.ndarray) -> n
     for _ in range(2 * len(slope)):
         free = ~held
         step[held] = least[held]
-        step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], slope[free] + matrix[np.ix_(free, held)] @ least[held])
+        step[free] = -np.linalg.solve(
+            matrix[np.ix_(free, free)], slope[free] + matrix[np.ix_(free, held)] @ least[held]
+        )
         low = free & (step < least)
         if low.any():
             held |= low
@@ -201,6 +205,7 @@ def _accuracy(
     scale = problem.scale(lengths)
     slopes = problem.slopes(x, rest, gap, scale)
     matrix = slopes.A + np.diag(problem.precision)
+    matrix = matrix + FLAT * np.diag(np.diag(matrix))
     free = (x > problem.lower) | (slopes.whole < 0)
     inner = np.ix_(free, free)
     inverse = np.linalg.inv(matrix[inner])

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexgen.calibration.statics import Numbers, Rest, Statics, frame_rotation
-from flexgen.calibration.tree import IDENTITY, SHIFTS, rotations
+from flexgen.calibration.tree import SHIFTS
 
 ROUNDS = 60
 CHANGE = 1e-3  # part of the error by which a round has to lower it

@@ -1,7 +1,7 @@
 """The calibrated numbers as keys of a model file.
 
-A zero turns (or shifts) the place of its element's axis: it is part of ``origin`` where the actuated axis is the first one
-of the element, of ``link`` where it is the last one.
+The zero of an axis is part of ``origin`` where the axis is the first one of its element; else it turns the axes
+behind it, and ``link``.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ def changes_of(model: RobotModel, numbers: Numbers, frame: np.ndarray | None = N
     Raises
     ------
     ArgumentError
-        The zero of an axis between others of one element changed: no key of a model file has it.
+        The zero of a translation behind other axes of one element changed: no key of a model file has it.
     """
-    tree, out = Tree(model), {}
+    tree = Tree(model)
+    out: dict[str, Any] = {}
     for element in model.elements:
-        origin, link = _placements(tree, element, numbers)
+        origin, link, axes = _placements(tree, element, numbers)
+        out |= {f"element.{element.name}.dof.{name}.axis": _numbers(axis) for name, axis in axes.items()}
         for key, new, old in (("origin", origin, element.origin), ("link", link, element.link)):
             if new is not old:
                 out[f"element.{element.name}.{key}"] = _pose(new)
@@ -50,41 +52,49 @@ def changes_of(model: RobotModel, numbers: Numbers, frame: np.ndarray | None = N
             out[f"sensor.{sensor.name}.position"] = _numbers(position)
     if frame is not None:
         R = frame_rotation(frame)
-        base = Placement(
-            tuple(frame[:3] + R @ model.base.position), tuple(map(tuple, R @ np.array(model.base.rotation)))
-        )
-        out |= {"base": _pose(base), "gravity": _numbers(R @ model.gravity)}
+        base = _placement(frame[:3] + R @ model.base.position, R @ np.array(model.base.rotation))
+        out["base"] = _pose(base)
+        out["gravity"] = _numbers(R @ model.gravity)
     return out
 
 
-def _placements(tree: Tree, element: Element, numbers: Numbers) -> tuple[Placement, Placement]:
-    """``origin`` and ``link`` with the shifts of the element's place, and with the zeros of its axes.
+def _placements(tree: Tree, element: Element, numbers: Numbers) -> tuple[Placement, Placement, dict[str, np.ndarray]]:
+    """``origin`` and ``link`` with the shifts of the element's place and the zeros of its axes; axes that they turn.
 
-    A mechanism turns with the zeros of the coordinates that it names.
+    A mechanism turns with the zeros of the coordinates that it names. ``exp(z a) exp(d b) = exp(d b') exp(z a)`` with
+    ``b' = exp(z a) b``: a zero between two axes turns the later ones, and ``link``.
     """
-    origin, link, shifts = element.origin, element.link, numbers.shifts
+    origin, shifts = element.origin, numbers.shifts
     moved = shifts[[tree.index[f"{element.name}.{s}"] for s in SHIFTS]]
     if moved.any():
-        origin = _joined(origin, Placement(tuple(moved[:3]), tuple(map(tuple, frame_rotation(moved)))))
+        origin = _join(origin, _placement(moved[:3], frame_rotation(moved)))
+    turned, axes = np.eye(3), {}
     for k, dof in enumerate(element.dofs):
-        zero = shifts[tree.index[dof.name]]
-        zero += sum(numbers.factors[tree.index[dof.name], tree.index[on]] * shifts[tree.index[on]] for on, _ in dof.mimic)
+        index, axis = tree.index[dof.name], np.array(dof.axis)
+        zero = shifts[index] + sum(
+            numbers.factors[index, tree.index[on]] * shifts[tree.index[on]] for on, _ in dof.mimic
+        )
+        if (turned != np.eye(3)).any():
+            axes[dof.name] = turned @ axis
         if zero == 0.0:
             continue
-        axis = np.array(dof.axis)
-        turn = rotations(axis, np.array([zero]))[0] if dof.type == "rotation" else np.eye(3)
-        shift = zero * axis if dof.type == "translation" else np.zeros(3)
-        step = Placement(tuple(shift), tuple(map(tuple, turn)))
+        turn = rotations(axis, np.array([zero]))[0]
         if k == 0:
-            origin = _joined(origin, step)
-        elif k == len(element.dofs) - 1:
-            link = _joined(step, link)
+            along = dof.type == "translation"
+            origin = _join(origin, _placement(zero * axis, np.eye(3)) if along else _placement(np.zeros(3), turn))
+        elif dof.type == "rotation":
+            turned = turned @ turn
         else:
             raise ArgumentError(
-                f"element {element.name}: given the zero of {dof.name} between other axes, expected the actuated axis "
-                "first or last in its element"
+                f"element {element.name}: given the zero of the translation {dof.name} behind other axes, expected the "
+                "first axis of its element"
             )
-    return origin, link
+    link = element.link if (turned == np.eye(3)).all() else _join(_placement(np.zeros(3), turned), element.link)
+    return origin, link, axes
+
+
+def _placement(position: np.ndarray, rotation: np.ndarray) -> Placement:
+    return Placement(tuple(position), tuple(map(tuple, rotation)))
 
 
 def _springs(tree: Tree, element: Element, dof: Dof, numbers: Numbers) -> dict[str, Any]:
@@ -103,7 +113,7 @@ def _springs(tree: Tree, element: Element, dof: Dof, numbers: Numbers) -> dict[s
     return {f"{place}.{'gear.' if dof.gear is not None else ''}spring.stiffness": _number(stiffness)}
 
 
-def calibrated_text(model: RobotModel, changes: dict[str, Any], source: str) -> str:
+def variant_text(model: RobotModel, changes: dict[str, Any], source: str) -> str:
     """The text of the model file with the variant ``calibrated``.
 
     Raises
@@ -113,13 +123,17 @@ def calibrated_text(model: RobotModel, changes: dict[str, Any], source: str) -> 
     """
     file = Path(model.file or "")
     if model.variant or VARIANT in model.variants or not model.file or file.suffix != ".toml":
-        given = f"the variant {model.variant!r}" if model.variant else f"the model {model.name} of {model.file or 'no file'}"
-        raise ArgumentError(
-            f"write: given {given}, expected a model without variant of a .toml file that has no variant {VARIANT!r}; the "
-            "numbers are in the values of the result and in --json"
+        given = (
+            f"the variant {model.variant!r}"
+            if model.variant
+            else f"the model {model.name} of {model.file or 'no file'}"
         )
-    head = f"[variant.{VARIANT}]\ndescription = {_quoted(' '.join(source.split())[:300])}\n"
-    rows = "".join(f"{_quoted(key)} = {_toml(value)}\n" for key, value in changes.items())
+        raise ArgumentError(
+            f"write: given {given}, expected a model without variant of a .toml file that has no variant {VARIANT!r}; "
+            "the numbers are in the values of the result and in --json"
+        )
+    head = f"[variant.{VARIANT}]\ndescription = {_quote(' '.join(source.split())[:300])}\n"
+    rows = "".join(f"{_quote(key)} = {_toml(value)}\n" for key, value in changes.items())
     return f"{file.read_text(encoding='utf-8').rstrip()}\n\n{head}\n[variant.{VARIANT}.set]\n{rows}"
 
 
@@ -130,7 +144,7 @@ def _toml(value: Any) -> str:
     return f"[{', '.join(map(repr, value))}]" if isinstance(value, list) else repr(value)
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     """A text as a TOML string."""
     kept = "".join(x if x.isprintable() and x not in '"\\' else "?" for x in text)
     return f'"{kept}"'
@@ -141,12 +155,10 @@ def _pose(placement: Placement) -> dict[str, Any]:
     return {"position": _numbers(placement.position), "rotation": _numbers(rotation)}
 
 
-def _joined(first: Placement, second: Placement) -> Placement:
+def _join(first: Placement, second: Placement) -> Placement:
     """The placement of the second in the first."""
     R = np.array(first.rotation)
-    return Placement(
-        tuple(np.array(first.position) + R @ second.position), tuple(map(tuple, R @ np.array(second.rotation)))
-    )
+    return _placement(np.array(first.position) + R @ second.position, R @ np.array(second.rotation))
 
 
 def _number(x: float) -> float:

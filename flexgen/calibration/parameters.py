@@ -22,7 +22,7 @@ import numpy as np
 from flexgen.calibration.tree import SHIFTS, Tree
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import Element, RobotModel
-from flexgen.model.sensors import TOOL, Sensor
+from flexgen.model.sensors import Sensor
 from flexgen.spec.tables import closest
 from flexgen.type_checks import checked_class
 
@@ -97,7 +97,7 @@ def trackers_of(model: RobotModel) -> tuple[Sensor, ...]:
     found = tuple(sensor for sensor in model.sensors if sensor.type == "tracker")
     if not found:
         raise ArgumentError(
-            f"model {model.name}: given no tracker, expected a [[sensor]] with type = \"tracker\" for each point that "
+            f'model {model.name}: given no tracker, expected a [[sensor]] with type = "tracker" for each point that '
             "is measured, with name, element, position and unit"
         )
     return found
@@ -124,7 +124,7 @@ def unknowns_of(tree: Tree, free: Sequence[str], placed: Sequence[str], priors: 
             Unknown(f"{sensor.name}.{axis}", "m", "tracker", (k, i), sensor.position[i], priors.tracker)
             for i, axis in enumerate(AXES)
         ]
-    moved = _moved(tree)
+    moved = _moving_nodes(tree)
     same = {e.name: _same_as_zero(e) for e in model.elements}
     if "zeros" in free:
         whole = {e.dofs[0].name for e in model.elements if e.name in placed and same[e.name]}  # their pose has the zero
@@ -149,8 +149,8 @@ def unknowns_of(tree: Tree, free: Sequence[str], placed: Sequence[str], priors: 
     if "mechanisms" in free:
         for name, factors in tree.mimics.items():
             for other, value in factors.items():
-                at = (tree.index[name], tree.index[other])
-                out.append(Unknown(f"{name}.mimic.{other}", "", "factor", at, value, priors.factor))
+                both = (tree.index[name], tree.index[other])
+                out.append(Unknown(f"{name}.mimic.{other}", "", "factor", both, value, priors.factor))
     if "masses" in free:
         out += _masses(tree, priors)
     return out
@@ -159,7 +159,7 @@ def unknowns_of(tree: Tree, free: Sequence[str], placed: Sequence[str], priors: 
 def _masses(tree: Tree, priors: Priors) -> list[Unknown]:
     """Masses and centers of the bodies that have a mass and load an elastic coordinate."""
     out = []
-    loaded = tree.carries[[tree.index[name] for name in tree.elastic]].any(axis=0)
+    loaded = np.asarray(tree.carries[[tree.index[name] for name in tree.elastic]].any(axis=0))
     for k, (name, mount, body) in enumerate(tree.bodies):
         if body.mass == 0.0 or not loaded[mount.node]:
             continue
@@ -169,7 +169,7 @@ def _masses(tree: Tree, priors: Priors) -> list[Unknown]:
     return out
 
 
-def _moved(tree: Tree) -> set[int]:
+def _moving_nodes(tree: Tree) -> set[int]:
     """Nodes that move a tracker; the others have no effect, except through their weight."""
     nodes = [tree.tip(sensor.place).node for sensor in trackers_of(tree.model)]
     return set(np.flatnonzero(tree.carries[:, nodes].any(axis=1)).tolist())

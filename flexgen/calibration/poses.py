@@ -1,8 +1,8 @@
 """Measured static poses: commands of the joints, and positions of the trackers, from a CSV file.
 
-Names of the columns: those of the actuated coordinates with their unit, ``q1_rad``, ``q1_deg``, ``z_m`` or ``z_mm``; those
-of the trackers with axis and unit, ``m0_x_m`` or ``m0_x_mm``. Other columns are ignored. An empty cell is a tracker that
-was not seen in this pose.
+Names of the columns: those of the actuated coordinates with their unit, ``q1_rad``, ``q1_deg``, ``z_m`` or ``z_mm``;
+those of the trackers with axis and unit, ``m0_x_m`` or ``m0_x_mm``. Other columns are ignored. An empty cell is a
+tracker that was not seen in this pose.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from flexgen.calibration.parameters import AXES, trackers_of
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
-from flexgen.type_checks import checked_class
+from flexgen.type_checks import checked_result
 
 UNITS = {"rad": {"rad": 1.0, "deg": math.pi / 180.0}, "m": {"m": 1.0, "mm": 1e-3}}
 LARGEST = 100_000  # poses
 FAR = 1e6  # rad or m: no number of a robot
 
 
-@checked_class
+@checked_result  # positions may be nan
 @dataclass(frozen=True, eq=False)
 class StaticPoses:
     """Measured poses at rest.
@@ -71,6 +71,10 @@ class StaticPoses:
     @classmethod
     def read(cls, path: str | Path, model: RobotModel) -> StaticPoses:
         """The poses of a CSV file, see the head of this module.
+
+        Returns
+        -------
+        StaticPoses
 
         Raises
         ------

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexgen.atomic_files import write_text
 from flexgen.calibration.components import Tilt
-from flexgen.calibration.model_file import calibrated_text, changes_of
+from flexgen.calibration.model_file import changes_of, variant_text
 from flexgen.calibration.parameters import FRAME, Unknown
 from flexgen.calibration.poses import StaticPoses
 from flexgen.calibration.statics import Numbers, Statics
@@ -23,7 +23,7 @@ from flexgen.results import Result
 from flexgen.type_checks import checked_result
 
 CANDIDATES = 300  # random poses from which new ones are chosen
-DETERMINED = 0.5  # of the prior's standard deviation: below it, the measurements determine a number
+DETERMINED = 0.3  # of the prior's standard deviation: below it, the measurements determine a number
 
 
 @checked_result
@@ -90,8 +90,9 @@ class Calibration(Result):
         held = self.errors_held_out
         proof = "" if held is None else f", {1e3 * np.nanmean(held):.3g} mm on poses that were not fitted"
         return (
-            f"{len(self.poses)} poses, {len(self.unknowns)} numbers; mean error {1e3 * np.nanmean(self.errors_before):.3g} "
-            f"mm before, {1e3 * np.nanmean(self.errors):.3g} mm after{proof}"
+            f"{len(self.poses)} poses, {len(self.unknowns)} numbers; "
+            f"mean error {1e3 * np.nanmean(self.errors_before):.3g} mm before, "
+            f"{1e3 * np.nanmean(self.errors):.3g} mm after{proof}"
         )
 
     @property
@@ -111,7 +112,7 @@ class Calibration(Result):
 
     @property
     def determined(self) -> dict[str, bool]:
-        """Whether the measurements determine a number: its standard deviation is below half of that of the prior."""
+        """Whether the measurements determine a number: its standard deviation is below 0.3 of that of the prior."""
         return {u.name: 0.0 < self.sd[u.name] < DETERMINED * u.sd for u in self.unknowns}
 
     @property
@@ -134,7 +135,9 @@ class Calibration(Result):
             The model is not from a file with ``[[element]]`` tables.
         """
         if not self.nominal.file:
-            raise ArgumentError("calibration: given a model without a file, expected one that was read from a .toml file")
+            raise ArgumentError(
+                "calibration: given a model without a file, expected one that was read from a .toml file"
+            )
         return read(self.nominal.file, self.nominal.variant or None, overrides=self.changes)
 
     @property
@@ -157,6 +160,10 @@ class Calibration(Result):
         ArgumentError
             There are fewer candidates than poses to choose.
 
+        Returns
+        -------
+        array (count, n_g) [rad or m]
+
         Source: V. V. Fedorov, Theory of Optimal Experiments, 1972 (D-optimal designs).
         """
         low, high = self.poses.commands.min(axis=0), self.poses.commands.max(axis=0)
@@ -167,7 +174,8 @@ class Calibration(Result):
         statics, numbers = Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)), self.numbers
         J = statics.slopes(numbers, statics.rest(numbers), self.unknowns).reshape(len(candidates), -1, len(self.x))
         J = J / max(float(np.nanmedian(self.errors)), 1e-9)
-        covariance, chosen = self.covariance.copy(), []
+        covariance = self.covariance.copy()
+        chosen: list[int] = []
         for _ in range(count):
             inner = np.eye(J.shape[1]) + J @ covariance @ np.swapaxes(J, 1, 2)
             gain = np.linalg.slogdet(inner)[1]
@@ -189,6 +197,11 @@ class Calibration(Result):
             ``"robot"``: the world of the model stays; ``"measurement"``: base and gravity are turned such that
             positions are those of the measurement.
 
+        Returns
+        -------
+        Path
+            The file.
+
         Raises
         ------
         ArgumentError
@@ -197,7 +210,7 @@ class Calibration(Result):
         if world not in ("robot", "measurement"):
             raise ArgumentError(f"world: given {world!r}, expected 'robot' or 'measurement'")
         changes = changes_of(self.nominal, self.numbers, self.frame if world == "measurement" else None)
-        text = calibrated_text(self.nominal, changes, f"{self.poses.source}: {self.sentence}")
+        text = variant_text(self.nominal, changes, f"{self.poses.source}: {self.sentence}")
         target = Path(path)
         if target.suffix != ".toml":
             raise ArgumentError(f"path: given {str(path)!r}, expected a name that ends in .toml")
@@ -228,4 +241,3 @@ class Calibration(Result):
 
     def _entries(self) -> dict[str, Any]:
         return self.to_dict()
-

@@ -89,8 +89,8 @@ class Rest:
 class Loads:
     """Loads of gravity on all nodes.
 
-    ``tau`` (n, N) [N m or N]; ``T`` (n, n_E); ``crossed`` (n, N, 3): ``g x z``, zero of translations; ``shift`` (n, N, 3):
-    change of the first moment of all bodies [kg m] in a node; ``centers`` (b, N, 3): of mass, in the world [m].
+    ``tau`` (n, N) [N m or N]; ``T`` (n, n_E); ``crossed`` (n, N, 3): ``g x z``, zero of translations; ``shift`` (n,
+    N, 3): change of the first moment of all bodies [kg m] in a node; ``centers`` (b, N, 3): of mass, in the world [m].
     """
 
     tau: np.ndarray

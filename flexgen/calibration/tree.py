@@ -1,8 +1,8 @@
 """Static kinematics of elastic trees at many poses at once, with exact derivatives in all geometric parameters.
 
 Each joint, each elastic axis and each error of a placement is a *node*: a rotation about, or a translation along, a
-fixed axis of the node before it. One formula then gives the derivatives in all of them. With the axis ``z_a`` and origin
-``o_a`` of node a in the world, mass ``m_a`` and first moment ``M_a = sum m (c - o_a)`` of everything that it carries:
+fixed axis of the node before it. One formula then gives the derivatives in all of them. With the axis ``z_a`` and
+origin ``o_a`` of node a in the world, mass ``m_a`` and first moment ``M_a = sum m (c - o_a)`` of all that it carries:
 
     point p:           dp/dq_a     = z_a x (p - o_a)                  or z_a          (rotation or translation)
     load of gravity:   tau_a       = g . (z_a x M_a)                  or m_a g . z_a
@@ -50,7 +50,7 @@ class Mount:
 
 @dataclass(frozen=True)
 class Posture:
-    """The tree at N poses: ``z``, ``o`` (n, N, 3) axes and origins of the nodes; ``p``, ``R``: the frames after them."""
+    """The tree at N poses: ``z``, ``o`` (n, N, 3) axes and origins of the nodes; ``p``, ``R``: frames after them."""
 
     z: np.ndarray
     o: np.ndarray
@@ -78,11 +78,8 @@ class Tree:
         ratios = {motor.drives[0]: motor.ratio[0] for motor in model.motors if len(motor.drives) == 1}
         for element in model.elements:
             if element.beam is not None:
-                raise ModelError(
-                    f"model {model.name}, element {element.name}: given a beam, expected elastic axes "
-                    "([[element.dof]] with a spring) in a model that is calibrated"
-                )
-            mount = _moved(self.tips[model.parents[element.name]], element.origin)
+                raise _refuse(model, element.name, "elastic axes, [[element.dof]] with a spring", "a beam")
+            mount = _place(self.tips[model.parents[element.name]], element.origin)
             for k, shift in enumerate(SHIFTS):
                 mount = self._add(f"{element.name}.{shift}", mount, IDENTITY[k % 3], k < 3)
             for dof in element.dofs:
@@ -91,9 +88,9 @@ class Tree:
                     self.mimics[dof.name] = dict(dof.mimic)
                 elif dof.gear is None or not dof.gear.rigid:
                     self.elastic[dof.name] = _compliance(model, dof, ratios)
-            self.tips[element.name] = _moved(mount, element.link)
+            self.tips[element.name] = _place(mount, element.link)
             self.bodies.append((element.name, self.tips[element.name], element.body))
-        self.tool = _moved(self.tips[model.tip], model.tool)
+        self.tool = _place(self.tips[model.tip], model.tool)
         if model.payload.mass:
             self.bodies.append(("payload", self.tips[model.tip], model.payload))
         n = len(self.nodes)
@@ -148,7 +145,7 @@ def rotations(axis: np.ndarray, q: np.ndarray) -> np.ndarray:
     return outer + np.cos(q)[:, None, None] * (IDENTITY - outer) + np.sin(q)[:, None, None] * hat
 
 
-def _moved(mount: Mount, placement: Placement) -> Mount:
+def _place(mount: Mount, placement: Placement) -> Mount:
     """A frame at a constant placement from another."""
     rotation = np.array(placement.rotation)
     return Mount(mount.node, mount.position + mount.rotation @ np.array(placement.position), mount.rotation @ rotation)
@@ -158,11 +155,13 @@ def _compliance(model: RobotModel, dof: Dof, ratios: dict[str, float]) -> float:
     """Compliance of an elastic coordinate on the arm side [rad/(N m) or m/N]; 0 for a spring of stiffness 0."""
     spring = dof.gear.spring if dof.gear is not None else dof.spring
     if not isinstance(spring, LinearSpring):
-        kind = type(spring).__name__.removesuffix("Spring").lower()
-        raise ModelError(
-            f"model {model.name}, {dof.name}: given a {kind} spring, expected a linear one in a model that is calibrated"
-        )
+        given = f"a {type(spring).__name__.removesuffix('Spring').lower()} spring"
+        raise _refuse(model, dof.name, "a linear spring", given)
     if spring.stiffness == 0.0:
-        raise ModelError(f"model {model.name}, {dof.name}: given stiffness 0, expected > 0 in a model that is calibrated")
+        raise _refuse(model, dof.name, "a stiffness > 0", "stiffness 0")
     scale = ratios[dof.name] ** 2 if dof.gear is not None and dof.gear.side == "motor" else 1.0
     return 1.0 / (scale * spring.stiffness)
+
+
+def _refuse(model: RobotModel, where: str, expected: str, given: str) -> ModelError:
+    return ModelError(model.file or model.name, 0, where, given, f"{expected}, in a model that is calibrated")

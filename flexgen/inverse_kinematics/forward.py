@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -18,7 +19,7 @@ from flexgen.type_checks import checked_types
 
 @checked_types
 def tracker_positions(
-    model: str | Path | RobotModel | Equations, commands: np.ndarray, *, sag: bool = True
+    model: str | Path | RobotModel | Equations, commands: np.ndarray | Sequence[Sequence[float]], *, sag: bool = True
 ) -> np.ndarray:
     """Positions of the trackers, or of the tool, at rest under gravity with the motors at commanded angles.
 
@@ -47,11 +48,10 @@ def tracker_positions(
     Examples
     --------
     >>> import numpy as np
-    >>> sag = flexgen.tracker_positions("elbow", np.zeros((1, 2))) - flexgen.tracker_positions(
-    ...     "elbow", np.zeros((1, 2)), sag=False
-    ... )
-    >>> f"{1e3 * sag[0, 0, 1]:.2f} mm"
-    '-1.05 mm'
+    >>> home = np.array([[0.5236, -0.3491]])  # rad
+    >>> sag = flexgen.tracker_positions("elbow", home) - flexgen.tracker_positions("elbow", home, sag=False)
+    >>> f"{1e3 * sag[0, 0, 2]:.2f} mm"
+    '-0.89 mm'
     """
     robot = robot_of(model)
     q_g = np.array(commands, dtype=float)

@@ -189,7 +189,7 @@ _ELEMENT = Key(
     known(lambda here: [*here.names["element"], TOOL]),
     f'the element whose body carries the sensor, or "{TOOL}"',
 )
-_POSITION = Key("position", vector(3), "in the frame of that body (of a tracker: of the tool)", "m", ZERO)
+_POSITION = Key("position", vector(3), "in the frame of that body, or of the tool", "m", ZERO)
 
 
 def _values(sensor: Sensor) -> dict[str, Any]:
@@ -215,14 +215,14 @@ def _kind(kind: str, doc: str, own: tuple[Key, ...], *place: Key) -> Format:
 
 
 _ACCELERATION = "acceleration minus gravity at a point of a body"
-_TRACKER = "position of a point of the tool in the world"
+_TRACKER = "position of a point of the tool, or of another body, in the world"
 SENSOR = Kinds(
     "sensor",
     {
         "accelerometer": _kind("accelerometer", _ACCELERATION, (_DIRECTIONS_KEY, _ELEMENT), _POSITION),
         "gyro": _kind("gyro", "angular velocity of a body", (_DIRECTIONS_KEY, _ELEMENT)),
         "link_encoder": _kind("link_encoder", "an arm coordinate", (_COORDINATE,)),
-        "tracker": _kind("tracker", _TRACKER, (_DIRECTIONS_KEY,), _POSITION),
+        "tracker": _kind("tracker", _TRACKER, (_DIRECTIONS_KEY, replace(_ELEMENT, default=TOOL)), _POSITION),
     },
     shared=(Key("name", name("sensor"), "name of the sensor"),),
     strict=False,

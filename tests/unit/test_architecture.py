@@ -27,6 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 WINGS = (
     "autodiff",
     "benchmarks",
+    "calibration",
     "cuda",
     "laws",
     "equations_text",

@@ -33,6 +33,7 @@ from flexgen.loop.result import ControlRun, PlantRun
 from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears, hold_effects, sample_model
 from flexgen.loop.timing import Timing
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.statics import hold_motors
 from flexgen.model.elements import BacklashSpring, Body, CubicSpring, LinearSpring, PiecewiseSpring
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -783,7 +784,7 @@ def test_the_simulation_of_another_robot_is_that_of_scipy(feedback: bool) -> Non
     run = robustness._Run(robot, path, given, 0.01, gains)
     times, found, largest = run._integrate()
     assert_allclose(times, np.linspace(-0.004, 0.01, 8))
-    held = robustness.hold_motors(robot, given["q_m"][0], q[0])
+    held = hold_motors(robot, given["q_m"][0], q[0])
     start_tau = held.tau_m - tau[0] if feedback else np.zeros(2)
     seen = [0.0]
 
@@ -820,7 +821,7 @@ def test_equilibria_with_held_motors() -> None:
     equations = flexgen.derive("planar5_nmp")
     model = equations.model
     q_m = model.eta @ [0.3, -0.2]
-    found = robustness.hold_motors(equations, q_m, np.array([0.3, -0.2, *[0.0] * (model.n_a - 2)]))
+    found = hold_motors(equations, q_m, np.array([0.3, -0.2, *[0.0] * (model.n_a - 2)]))
     still, none = np.zeros(model.n_a), np.zeros(model.n_m)
     r_a, r_m = equations.function("residual")(found.q_a, still, still, q_m, none, none, found.tau_m)
     assert np.abs(np.array(ca.vertcat(r_a, r_m))).max() < 1e-7 and np.abs(found.q_a[:2] - [0.3, -0.2]).max() < 0.1

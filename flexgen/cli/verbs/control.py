@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, throttle, with_files, written
 from flexgen.errors import ArgumentError
-from flexgen.reports.text_tables import number
+from flexgen.reports.text_tables import number, table
+
+if TYPE_CHECKING:
+    from flexgen.model.elements import RobotModel
 
 
 def control(args: Namespace, log: Progress) -> VerbResult:
@@ -90,6 +93,25 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
     return with_files(str(found), found.to_dict(), written(args, found.solution), problem)
 
 
+def _command(model: RobotModel, command: list[float]) -> VerbResult:
+    """Positions of the trackers at rest, with and without deflections."""
+    from flexgen.inverse_kinematics.forward import tracker_positions
+
+    named = [sensor.name for sensor in model.sensors if sensor.type == "tracker"] or ["tool"]
+    at_rest = tracker_positions(model, [command])[0]
+    sag = at_rest - tracker_positions(model, [command], sag=False)[0]
+    rows = [[name, *p.tolist(), *(1e3 * d).tolist()] for name, p, d in zip(named, at_rest, sag, strict=True)]
+    data = {
+        "model": model.name,
+        "command": command,
+        "names": named,
+        "position_m": at_rest.tolist(),
+        "sag_m": sag.tolist(),
+    }
+    head = ("", "x, m", "y, m", "z, m", "sag x, mm", "y, mm", "z, mm")
+    return VerbResult(data, f"{model.title}: at rest under gravity, motors at {command}\n\n{table(rows, head)}")
+
+
 def kinematics(args: Namespace, log: Progress) -> VerbResult:
     """Find all joint configurations of a six-axis arm that bring the tool to a pose."""
     from flexgen.inverse_kinematics.search import kinematics as search
@@ -97,6 +119,9 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.reports.texts import configurations_text
 
     model = read_model(args)
+    if args.command is not None:
+        alone(args, "--command", "joints", "position", "rotation", "sag", "fixed")
+        return _command(model, args.command)
     if (args.joints is None) == (args.position is None):
         raise ArgumentError("kinematics: expected either --joints or --position (and --rotation)")
     if args.joints is not None:

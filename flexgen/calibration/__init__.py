@@ -1,0 +1,1 @@
+"""Calibration: from tracked positions at rest to lengths, zeros, springs and masses of a tree of bodies."""

@@ -1,0 +1,41 @@
+"""The verb ``calibrate``."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+
+from flexgen.cli.result import Progress, VerbResult, keywords, read_model, throttle, with_files
+from flexgen.errors import ArgumentError
+
+
+def calibrate(args: Namespace, log: Progress) -> VerbResult:
+    """Calibrate a model with static poses: joint zeros, kinematics, compliances, masses; write a new model file."""
+    import flexgen
+    from flexgen.calibration.poses import StaticPoses
+    from flexgen.reports.text_tables import number, table
+
+    model = read_model(args)
+    if args.out is not None and (model.variant or not model.file.endswith(".toml")):
+        raise ArgumentError(f"--out: given {args.model}, expected a .toml model file without @variant")
+    priors = flexgen.Priors()
+    for name, value in args.prior or ():
+        if name not in vars(priors) or not isinstance(value, int | float):
+            raise ArgumentError(
+                f"--prior: given {name}={value}, expected a number for one of {', '.join(vars(priors))}"
+            )
+        priors = flexgen.Priors(**(vars(priors) | {name: float(value)}))
+    poses = StaticPoses.read(args.poses, model)
+    found = flexgen.calibrate(model, poses, priors=priors, **keywords(args, "poses", "priors"), progress=throttle(log))
+    data, text, files = found.to_dict(), found.to_text(), dict[str, Path | None]()
+    if args.add_poses:
+        names = [c.name for c in model.coordinates if c.actuated]
+        proposed = found.propose_poses(args.add_poses)
+        data["proposed_poses"] = [dict(zip(names, row, strict=True)) for row in proposed.tolist()]
+        rows = [[number(float(x)) for x in row] for row in proposed]
+        text += f"\n\nposes that tell most, rad or m; check them for collisions:\n\n{table(rows, names)}"
+    if args.out is not None:
+        files["model_file"] = found.write(args.out, args.world or "robot")
+    if args.report is not None:
+        files["report"] = found.report(args.report)
+    return with_files(text, data, files, found.problem, warnings=list(found.warnings))

@@ -1,0 +1,55 @@
+"""A calibration as text."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexgen.calibration.parameters import FRAME, Unknown
+from flexgen.calibration.result import Calibration
+from flexgen.reports.text_tables import number, table
+
+SHOWN = {"zeros": ".zero", "compliances": ".compliance", "mechanisms": ".mimic.", "masses": ".mass"}
+
+
+def text_of_calibration(found: Calibration) -> str:
+    """Errors on all stages, what changes from pose to pose, and the calibrated numbers with their accuracy."""
+    title = f"{found.nominal.title}: {len(found.poses)} poses of {found.poses.source}"
+    errors = [
+        ("model file; frame, trackers and unknown places fitted", found.errors_before),
+        ("calibrated", found.errors),
+        ("calibrated without the pose", found.errors_held_out),
+        ("the same, the other trackers of the pose seen", found.errors_seen),
+    ]
+    rows = [
+        [label, *(float(1e3 * f(e)) for f in (np.nanmean, np.nanstd, np.nanmax))]
+        for label, e in errors
+        if e is not None
+    ]
+    parts = [title, table(rows, ("distance of the trackers from the model", "mean, mm", "sd, mm", "largest, mm"))]
+    parts.append(f"mean sag under gravity {1e3 * float(np.nanmean(found.sag)):.3g} mm")
+    if found.tilt is not None:
+        turns = ", ".join(f"{1e3 * x:.2g}" for x in found.tilt.tilt_rad)
+        parts.append(
+            f"from pose to pose: noise of a point {1e3 * found.tilt.noise_m:.2g} mm an axis, tilt of "
+            f"{found.tilt.element} {turns} mrad (x, y, z), standard deviations"
+        )
+    values, sd, determined = found.values, found.sd, found.determined
+    listed = [u for u in found.unknowns if any(word in u.name for word in SHOWN.values())]
+    lines = [[u.name, u.start, values[u.name], sd[u.name] or None, u.unit, _mark(u, sd, determined)] for u in listed]
+    if lines:
+        parts.append(table(lines, ("number", "before", "calibrated", "sd", "unit", "")))
+    rest = len(found.unknowns) - len(listed)
+    count = sum(determined.values())
+    parts.append(
+        f"{count} of {len(found.unknowns)} numbers are determined by the measurements, the others keep their prior; "
+        f"{rest} of places, frames and trackers are in --json"
+    )
+    frame = ", ".join(number(float(x)) for x in found.frame)
+    parts.append(f"pose of the world in the frame of the measurement ({FRAME}): {frame} (m, rad)")
+    return "\n\n".join(parts)
+
+
+def _mark(unknown: Unknown, sd: dict[str, float], determined: dict[str, bool]) -> str:
+    if sd[unknown.name] == 0.0:
+        return "rigid: at its lower bound"
+    return "" if determined[unknown.name] else "prior"
