@@ -19,6 +19,7 @@ from flexgen.calibration.tree import SHIFTS
 
 ROUNDS = 60
 CHANGE = 1e-3  # part of the error by which a round has to lower it
+ENOUGH = 60  # poses at which every tracker is seen: the others do not take part in the search for an attitude
 TRIED = 8  # attitudes of the elements without a known place that the search starts from
 
 
@@ -48,12 +49,15 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
         return _search(statics, measured, placed, first)[1]
     found = []
     random = np.random.default_rng(0)
+    rows = np.flatnonzero(np.isfinite(measured).all(axis=(1, 2)))
+    rows = rows[:: len(rows) // ENOUGH] if len(rows) >= ENOUGH else np.arange(len(measured))
+    part = statics.among(rows)
     for trial in range(TRIED):
         shifts = first.shifts.copy()
         for name in placed if trial else ():
             at = [tree.index[f"{name}.{s}"] for s in SHIFTS[3:]]
             shifts[at] = random.uniform(-np.pi, np.pi, 3)
-        found.append(_search(statics, measured, placed, replace(first, shifts=shifts), rounds=ROUNDS // 6))
+        found.append(_search(part, measured[rows], placed, replace(first, shifts=shifts), rounds=ROUNDS // 6))
     best = min(found, key=lambda one: one[0])
     return _search(statics, measured, placed, best[1])[1]
 

@@ -22,7 +22,7 @@ from flexgen.calibration.tree import IDENTITY, Posture, Tree, rotations
 from flexgen.errors import SolverError
 
 NEWTON_STEPS = 20
-SETTLED = 1e-9  # rad or m: largest change of a deflection in the last step
+SETTLED = 1e-9  # rad or m: largest difference of a deflection from load times compliance
 
 
 @dataclass(frozen=True)
@@ -149,6 +149,8 @@ class Statics:
             loads = self._loads(numbers, posture, T)
             load = (T.T @ loads.tau).T
             gap = c * load - deflection
+            if not len(c) or np.abs(gap).max() < SETTLED:
+                break
             matrix = np.eye(len(c)) - c[:, None] * (self._load_slopes(loads, self.rows) @ T[self.rows])
             try:
                 step = np.linalg.solve(matrix, gap[..., None])[..., 0]
@@ -156,8 +158,6 @@ class Statics:
                 step = np.full_like(gap, np.nan)
             if not np.abs(step).max() < 1.0:
                 raise SolverError("calibration: a pose has no static equilibrium, the springs do not carry the arm")
-            if not len(c) or np.abs(gap).max() < SETTLED:
-                break
             deflection = deflection + step
         else:
             raise SolverError(f"calibration: no static equilibrium in {NEWTON_STEPS} steps")

@@ -116,11 +116,13 @@ class Tree:
         R = np.zeros((n, N, 3, 3))
         for k, node in enumerate(self.nodes):
             before = R[node.parent] if node.parent >= 0 else IDENTITY[None]
-            at = before @ node.position + (p[node.parent] if node.parent >= 0 else 0.0)
-            turned = before @ node.rotation
-            z[k], o[k] = turned @ node.axis, at
+            at = _times(before, node.position) + (p[node.parent] if node.parent >= 0 else 0.0)
+            turned = before if node.rotation is IDENTITY else _times(before, node.rotation)
+            z[k], o[k] = _times(turned, node.axis), at
             if node.slides:
                 R[k], p[k] = turned, at + q[:, k, None] * z[k]
+            elif (q[:, k] == q[0, k]).all():  # the unknown shifts: most of the nodes
+                R[k], p[k] = _times(turned, rotations(node.axis, q[:1, k])[0]), at
             else:
                 R[k], p[k] = turned @ rotations(node.axis, q[:, k]), at
         return Posture(z, o, p, R)
@@ -139,9 +141,15 @@ class Tree:
         return slopes
 
 
+def _times(R: np.ndarray, constant: np.ndarray) -> np.ndarray:
+    """``R @ constant`` of matrices (N, 3, 3) and a constant matrix or vector, as one product."""
+    return (R.reshape(-1, 3) @ constant).reshape(R.shape[:2] + constant.shape[1:])
+
+
 def rotations(axis: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Rotation matrices (N, 3, 3) about a unit axis by the angles ``q`` (N,) [rad] (Rodrigues)."""
-    hat, outer = np.cross(axis, IDENTITY).T, np.outer(axis, axis)
+    x, y, z = axis
+    hat, outer = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]), np.outer(axis, axis)
     return outer + np.cos(q)[:, None, None] * (IDENTITY - outer) + np.sin(q)[:, None, None] * hat
 
 
