@@ -136,6 +136,8 @@ from flexgen.sweeps.cases import random_moves as random_moves
 from flexgen.sweeps.sweep import SweepResult as SweepResult
 from flexgen.sweeps.sweep import sweep as sweep
 from flexgen.trajectory import Trajectory as Trajectory
+from flexgen.uncertainty.prediction import predict as predict
+from flexgen.uncertainty.result import Prediction as Prediction
 
 __version__: str
 ExportedFmu = Exported

@@ -154,6 +154,15 @@ plan MODEL | path:path | plan | path
         ignore_limits: also plan a path beyond the range of a joint
     files
         out FILE old=--table: write the path as a C header for MODEL_path_sample to this file
+predict MODEL | | predict
+    motion
+        move NAME once: a move or program of the model file; default: the first
+    draws
+        robots N whole_1: that are simulated, 16 or more; default: {default}
+        seed N whole_0: of the draws; default: {default}
+    files
+        out FILE: write the result to this file (.json)
+        @page
 simulate MODEL | solve:simulate | simulate
     arguments
         <trajectory> TRAJECTORY: file written by 'flexgen solve --out'

@@ -33,7 +33,7 @@ NOMINAL = "nominal"
 KINDS = ("stiffness", "damping", "friction", "payload")
 LARGEST_FACTOR, LARGEST_LOAD = 100.0, 1e5  # kg
 NEWTON_STEPS, CLOSE = 50, 1e-12
-_FORCES = ("N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "N m/rad^3", "N/m^3")
+FORCES = ("N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "N m/rad^3", "N/m^3")
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
         if not known:
             raise ArgumentError(f"{what}: the model {model.name} has no number of this kind")
         for parameter in known:
-            if key not in KINDS or parameter.unit in _FORCES:
+            if key not in KINDS or parameter.unit in FORCES:
                 out[parameter.name] = parameter.value * given
     return out
 

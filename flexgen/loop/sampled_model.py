@@ -47,7 +47,7 @@ class PoseModels:
         self.model = model
         equations = derive(model)
         self._local = LocalDynamics(equations)
-        self._output, self._tool = _output_jacobian(equations), equations.function("jacobian")
+        self._output, self._tool = output_jacobian(equations), equations.function("jacobian")
         self._sensors = equations.function("sensor_derivatives") if model.sensors else None
 
     def at(self, motion: Sequence[np.ndarray]) -> PoseModel:
@@ -123,7 +123,7 @@ def sample_model(A: np.ndarray, B: np.ndarray, sample_s: float, delay_s: float) 
     return F, G
 
 
-def _output_jacobian(equations: Equations) -> ca.Function:
+def output_jacobian(equations: Equations) -> ca.Function:
     """W(q_a) (n_y, n_a): from arm velocities to rates of the output, of a pose its spatial velocity."""
     model, q = equations.model, ca.SX.sym("q_a", equations.model.n_a)
     if model.output.type == "combination":

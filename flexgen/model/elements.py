@@ -22,6 +22,7 @@ from flexgen.model.friction import friction_key as friction_key
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
 from flexgen.model.sensors import Sensor
+from flexgen.model.tolerances import Tolerances
 from flexgen.type_checks import checked_result, checked_types
 
 Vector = tuple[float, ...]
@@ -300,6 +301,7 @@ class RobotModel:
     programs: tuple[Program, ...] = ()
     text: str = ""  # canonical text of the data; caches use its hash
     sensors: tuple[Sensor, ...] = ()
+    uncertainty: Tolerances | None = None
 
     def __post_init__(self) -> None:
         """Refuse names that files, C, XML and pages are not made for; those of moves are checked by themselves."""

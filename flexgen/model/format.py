@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 from flexgen.model import format_robot as robot
 from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placement, Tool, Vector
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
+from flexgen.model.tolerances import Tolerances
 from flexgen.spec.keys import (
     Context,
     Format,
@@ -130,6 +132,37 @@ def _check_size(table: Table, here: Context) -> None:
 # --- the file ---------------------------------------------------------------------------------------------------------
 
 
+_KINDS = ("stiffness", "damping", "friction", "masses", "motor_inertia")
+_SD, _SPREAD = number(least=0.0, most=5.0), "standard deviation of {}, relative"
+
+
+def _each(power: int) -> Type:
+    return vector(size=lambda here: len(here.values["parameters"]) ** power)
+
+
+def _check_uncertainty(table: Table, here: Context) -> None:
+    n, sd, rows = (here.values[x] for x in ("parameters", "sd", "correlation"))
+    if len(sd) != len(n) or any(not 0.0 <= x <= 5.0 for x in sd):
+        raise table.fail("sd", "a number from 0 to 5 for each of the parameters")
+    if not {*here.values["common"]} <= {*_KINDS}:
+        raise table.fail("common", f"some of {', '.join(_KINDS)}")
+    entries = {(i, j): x for (i, j), x in zip(product(range(len(n)), repeat=2), rows, strict=False)}
+    if any(x != entries[j, i] or (i == j and x != 1.0) for (i, j), x in entries.items()):
+        raise table.fail("correlation", "a symmetric matrix with ones on its diagonal, row by row")
+
+
+UNCERTAINTY = Format(
+    "what is known about the accuracy of the numbers",
+    (
+        *(Key(kind, _SD, _SPREAD.format(f"each {kind}"), default=0.0) for kind in _KINDS),
+        Key("payload", number(least=0.0), "standard deviation of the mass of the payload", "kg", 0.0),
+        Key("common", words(), "kinds whose numbers all have the same relative error", default=()),
+        Key("parameters", words(), "numbers by name, in place of those of their kinds", default=()),
+        Key("sd", _each(1), _SPREAD.format("each of the parameters"), default=()),
+        Key("correlation", _each(2), "of the parameters, row by row", default=(), check=_check_uncertainty),
+    ),
+    make=Tolerances,
+)
 _FLANGE = "pose of the tool frame, from the tip of the element that carries it"
 _COMPLETE = "complete: rotors also turn with the bodies that carry them"
 _LOAD = "load, in the frame of the tip of the element that carries the tool; com: by default at the tool"
@@ -152,6 +185,7 @@ MODEL = Format(
         joint_position("home", "home position"),
         Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
         Key("program", listed(PROGRAM, least=0), "sequences of steps", default=()),
+        Key("uncertainty", sub(UNCERTAINTY), UNCERTAINTY.doc, default=None),
     ),
 )
 PROGRAMS = Format("moves and programs of flexgen", (MODEL["move"], MODEL["program"]))

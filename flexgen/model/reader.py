@@ -265,7 +265,7 @@ def _check_inertia(root: Entry, robot: RobotModel) -> None:
 
 
 def _canonical(root: Table) -> str:
-    """Canonical text of the data: sorted keys, every number as a float, no description."""
+    """Canonical text of the data: sorted keys, every number as a float, no description and no uncertainty."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):
@@ -274,7 +274,6 @@ def _canonical(root: Table) -> str:
             return [plain(item) for item in value]
         return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
-    data = {
-        key: toml_lines.unwrap(entry) for key, entry in root.entries.items() if key not in ("description", "source")
-    }
+    unused = ("description", "source", "uncertainty")
+    data = {key: toml_lines.unwrap(entry) for key, entry in root.entries.items() if key not in unused}
     return json.dumps(plain(data), sort_keys=True, ensure_ascii=True)

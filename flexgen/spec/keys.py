@@ -380,7 +380,7 @@ def known(of: Callable[[Context], Sequence[str]]) -> Type:
 def words() -> Type:
     """A name or a list of different names."""
     several = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
-    return Type(lambda table, key, here: table.words(key.name), {"anyOf": [{"type": "string"}, several]})
+    return Type(lambda table, key, here: tuple(table.words(key.name)), {"anyOf": [{"type": "string"}, several]})
 
 
 def name(kind: str = "", problem_of: Callable[[str], str | None] = identifier_problem) -> Type:

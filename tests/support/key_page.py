@@ -7,7 +7,7 @@ from pathlib import Path
 
 from flexgen.benchmarks import scenario_file as scenario
 from flexgen.loop.controller_files import CONTROLLER, LOW_PASS, NOTCH
-from flexgen.model.format import BEAM, BENDING, ELEMENT, JOINT, LINK, MODEL, URDF, VARIANT
+from flexgen.model.format import BEAM, BENDING, ELEMENT, JOINT, LINK, MODEL, UNCERTAINTY, URDF, VARIANT
 from flexgen.model.format_devices import MOTOR, SENSOR
 from flexgen.model.format_programs import PROGRAM, STEP
 from flexgen.model.format_robot import (
@@ -41,6 +41,7 @@ TABLES: dict[str, Form] = {
     "`[base]`, `[tool]`, `origin`, `link`": PLACEMENT,
     "`[[motor]]`": MOTOR,
     "`[[sensor]]`": SENSOR,
+    "`[uncertainty]`": UNCERTAINTY,
     "`[output]`": OUTPUT,
     "`[[move]]`": MOVE,
     "`legs` of a move": LEG,

@@ -76,6 +76,17 @@ unit = "mrad"
 name = "laser"
 type = "tracker"
 unit = "mm"
+[uncertainty]
+stiffness = 0.1
+damping = 0.3
+friction = 0.2
+masses = 0.03
+motor_inertia = 0.05
+payload = 0.5
+common = ["masses"]
+parameters = ["q0.stiffness", "m0.inertia"]
+sd = [0.02, 0.04]
+correlation = [1, 0.3, 0.3, 1]
 [[program]]
 name = "tour"
 start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]

@@ -32,7 +32,7 @@ NONSENSE: tuple[Any, ...] = (
 # Functions and methods that compute for seconds where nothing is wrong: called with one wrong type at least.
 HEAVY = set(
     "solve sweep generate excite measure frf identify refine fit_motion control feedback_study tune fastest "
-    "identify_load learn compare export_fmu score export_mex export_plcopen export_ros2 export_selftest "
+    "identify_load learn predict compare export_fmu score export_mex export_plcopen export_ros2 export_selftest "
     "export_simulink export_mujoco export_urdf view models kinematics simulate load check report verdict then plot "
     "to_dataframe to_xarray to_control".split()
 )

@@ -40,6 +40,7 @@ WINGS = (
     "plausibility",
     "sweeps",
     "templates",
+    "uncertainty",
 )
 
 # A room (module or package below flexgen) imports from its own room and from rooms on lower floors only; rooms on the

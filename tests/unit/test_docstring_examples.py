@@ -13,9 +13,9 @@ NOT_RUN = {"export"}  # needs a package of another author; tests/client/test_ext
 SLOW = set(
     """
     export_mex export_plcopen export_fmu export_simulink export_ros2 plan_problem sweep refine fit_motion control
-    feedback_study tune fastest identify_load learn score view
+    feedback_study tune fastest identify_load learn predict score view
     Cascade CollisionDetector ControlRun Disturbance ExtendedKalmanFilter Estimate FastestMove FeedbackStudy Inverter
-    Library Load MotionFit PathSampler PID PlanProblem PPI Simulation Solution Stream
+    Library Load MotionFit PathSampler PID PlanProblem PPI Prediction Simulation Solution Stream
     SweepResult TorqueCommand Trajectory TuningResult
     """.split()
 )

@@ -123,9 +123,16 @@ def _solve_one(
         comparison = compare(solution, robustness=args.robustness, progress=log)
         data |= comparison.to_dict()
         files["report"] = comparison.report(report)
+    text = solution.to_text()
+    if equations.model.uncertainty is not None and not problem_of(solution, args.accuracy):
+        from flexgen.uncertainty.prediction import predict
+
+        prediction = predict(equations, solution=solution, progress=log)
+        data["prediction"] = prediction.to_dict()
+        text = "\n\n".join([text, "\n".join(prediction.lines())])
     more: dict[str, Any] = {"warnings": list(solution.warnings), "details": solution_details(solution)}
     more |= {"interrupted": solution.interrupted, "failure": failure_of(solution)}
-    return with_files(solution.to_text(), data, files, problem_of(solution, args.accuracy), **more)
+    return with_files(text, data, files, problem_of(solution, args.accuracy), **more)
 
 
 def failure_of(solution: Solution) -> int:

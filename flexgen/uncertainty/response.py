@@ -1,0 +1,268 @@
+"""Motion of robots that differ from the model, under the torques of the model and a motor feedback.
+
+With the residual R of the equations of motion of a robot p at the planned motion (zero for the model itself), the
+deviation d of the coordinates follows from its own linearized equations:
+
+    M(t, p) d'' + D(t, p) d' + K(t, p) d = B u - R(t, p),    u = k_s (w + k_i int w dt),  w = -k_p C d - C d'
+
+It starts at rest with the motors at the reference: the integral part of the feedback holds what the feedforward lacks.
+R, M, D and K are linear in stiffness, damping, friction and masses, so that the only error is of second order in d.
+The equations are integrated by Newmark's method of constant mean acceleration (order 2, no damping of its own).
+
+Source: N. M. Newmark, A method of computation for structural dynamics, J. Eng. Mech. Div. 85, 1959.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from flexgen.deadline import check_time
+from flexgen.loop.plants import LocalDynamics
+from flexgen.loop.reference import MOTION
+from flexgen.loop.sampled_model import output_jacobian
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
+from flexgen.trajectory import Trajectory
+from flexgen.uncertainty.sources import Sources
+
+STEPS, FINEST, FEWEST, MOST = 12.0, 1e-3, 200, 1500  # a period of the speed control, least step [s], points
+KNOTS = 100  # instants at which matrices are evaluated; linear between them
+PROBES = (0.0, 0.3, 0.55, 1.0)  # parts of the time at which matrices are compared: at rest, and twice in motion
+SAME = 1e-9  # relative to their largest entry
+
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Along:
+    """Equations of deviations along a motion, at ``t`` (k,) in equal steps.
+
+    Attributes
+    ----------
+    M, D, K : arrays (k, n, n), B : array (k, n, n_m)
+        Of the model.
+    force : array (sources, k, n)
+        Derivative of the residual of the equations of motion with respect to each source.
+    constant : list of arrays (sources, n, n)
+        Changes of M, D, K over those of the sources; zero for the sources in ``varying``.
+    varying : dict of int to arrays (k, n, n)
+        Those of sources with which they depend on time.
+    feedback : MotorFeedback
+    W : array (k, rows, n)
+        Errors of the output; ``units`` (rows).
+    twist : array (rows, n)
+        Deflections of springs; ``springs``: their names, ``motors``: those of the motors.
+    motion : dict of str to arrays
+        The planned motion and its ``deflection``.
+    """
+
+    t: np.ndarray
+    M: np.ndarray
+    D: np.ndarray
+    K: np.ndarray
+    B: np.ndarray
+    force: np.ndarray
+    constant: tuple[np.ndarray, ...]
+    varying: dict[int, Matrices]
+    feedback: MotorFeedback
+    W: np.ndarray
+    units: tuple[str, ...]
+    twist: np.ndarray
+    springs: tuple[str, ...]
+    motors: tuple[str, ...]
+    motion: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Response:
+    """Deviations of robots at the instants of `Along`.
+
+    ``error`` (k, robots, rows) of the output, ``tau_m`` (k, robots, n_m), ``deflection`` (k, robots, n_s) of springs.
+    """
+
+    error: np.ndarray
+    tau_m: np.ndarray
+    deflection: np.ndarray
+
+
+def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) -> Along:
+    """The equations of deviations from the motion of a trajectory."""
+    model, first, last = equations.model, float(trajectory.time[0]), float(trajectory.time[-1])
+    feedback = default_feedback(equations, *(trajectory[name][0] for name in ("q_a", "q_m", "tau_m")))
+    step = max(1.0 / (STEPS * max(feedback.frequencies["speed_hz"], 1e-3)), FINEST)
+    t = np.linspace(first, last, int(np.clip(np.ceil((last - first) / step), FEWEST, MOST)) + 1)
+    changed = derive(model, [p.name for p in sources.parameters])
+    motion = trajectory.at(t)
+    force = _forces(changed, tuple(motion[name] for name in MOTION), sources)
+    knots = np.unique(np.linspace(0, len(t) - 1, KNOTS).astype(int))
+    local, points = LocalDynamics(changed), tuple(motion[name][knots] for name in MOTION)
+    M, D, K, B = local.matrices(points, sources.nominal)
+    constant, varying = _changes(local, points, (M, D, K), sources)
+
+    def between(x: np.ndarray) -> np.ndarray:
+        return np.asarray(make_interp_spline(t[knots], x, k=1)(t))
+
+    W, units = _output_rows(equations, motion["q_a"])
+    twist, springs = _deflection_rows(model)
+    motion["deflection"] = np.hstack([motion["q_a"], motion["q_m"][:, list(model.i_m)]]) @ twist.T
+    M, D, K, B = (between(x) for x in (M, D, K, B))
+    all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
+    motors = tuple(motor.name for motor in model.motors)
+    return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion)
+
+
+def _forces(changed: Equations, points: tuple[np.ndarray, ...], sources: Sources) -> np.ndarray:
+    """Derivative of the residual of the equations of motion with respect to the sources, (sources, k, n)."""
+    residual, model = changed.function("residual"), changed.model
+    given = [ca.SX.sym(residual.name_in(i), residual.size1_in(i)) for i in range(residual.n_in())]
+    r_a, r_m = residual(*given)
+    by_number = ca.jacobian(ca.vertcat(r_a, r_m[list(model.i_m)]), given[-1])
+    function = ca.Function("forces", given, [ca.densify(by_number @ ca.DM(sources.directions))])
+    found = evaluate(function, *points, sources.nominal)[0].reshape(len(points[0]), model.dof, -1)
+    return np.ascontiguousarray(found.transpose(2, 0, 1))
+
+
+def _changes(
+    local: LocalDynamics, points: tuple[np.ndarray, ...], own: Matrices, sources: Sources
+) -> tuple[tuple[np.ndarray, ...], dict[int, Matrices]]:
+    """Changes of M, D, K over those of the sources: where they are constant, and where not.
+
+    Sources whose changes are at different entries of the matrices are evaluated together.
+    """
+    n, sd = local.model.dof, sources.sd
+    probes = (np.array(PROBES) * (len(points[0]) - 1)).astype(int)
+    few, at = tuple(x[probes] for x in points), tuple(x[probes] for x in own)
+    constant = np.zeros((3, len(sd), n, n))
+    together: list[tuple[list[int], np.ndarray]] = []
+    places: dict[int, np.ndarray] = {}
+    for k, p in enumerate(sources.values(np.diag(sd))):
+        found = np.array([x - y for x, y in zip(local.matrices(few, p), at, strict=False)]) / sd[k]
+        size = np.array([SAME * np.abs(y).max() / sd[k] for y in at])[:, None, None]
+        if (np.abs(found - found[:, :1]).max(axis=1) <= size).all():
+            constant[:, k] = found[:, 0]
+            continue
+        places[k] = np.abs(found).max(axis=1) > size
+        for group, taken in together:
+            if not (taken & places[k]).any():
+                group.append(k)
+                taken |= places[k]
+                break
+        else:
+            together.append(([k], places[k].copy()))
+    varying: dict[int, Matrices] = {}
+    for group, _ in together:
+        errors = np.zeros(len(sd))
+        errors[group] = sd[group]
+        found = np.array([x - y for x, y in zip(local.matrices(points, sources.values(errors)), own, strict=False)])
+        for k in group:
+            M, D, K = found * places[k][:, None] / sd[k]
+            varying[k] = M, D, K
+    return tuple(constant), varying
+
+
+def _output_rows(equations: Equations, q_a: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Rows from deviations to errors of the output, (k, rows, n), and their units."""
+    from flexgen.model.output_columns import output_units
+
+    model = equations.model
+    units = output_units(model)
+    if model.output.type == "tool_pose":
+        units = (*units, "rad", "rad", "rad")
+    W = np.zeros((len(q_a), len(units), model.dof))
+    W[:, :, : model.n_a] = evaluate(output_jacobian(equations), q_a)[0].reshape(len(q_a), len(units), -1)
+    return W, units
+
+
+def _deflection_rows(model: RobotModel) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Rows from coordinates to deflections: of elastic gears on the arm side, and of springs without motor."""
+    n_a, back = model.n_a, np.linalg.inv(model.eta)
+    rows, names = [], []
+    for k, i in enumerate(model.i_g):
+        if np.any(back[k, list(model.i_m)]):
+            row = np.zeros(model.dof)
+            row[n_a:], row[i] = back[k, list(model.i_m)], -1.0
+            rows.append(row)
+            names.append(model.coordinates[i].name)
+    for i in model.i_e:
+        rows.append(np.eye(model.dof)[i])
+        names.append(model.coordinates[i].name)
+    return np.array(rows).reshape(len(rows), model.dof), tuple(names)
+
+
+def linear_response(along: Along) -> Response:
+    """Response to each source alone, to first order: for an error of 1, (k, sources, rows)."""
+    parts = along.M, along.D, along.K
+    return _integrate(
+        along, len(along.force), lambda k: (parts[0][k], parts[1][k], parts[2][k]), lambda k: along.force[:, k]
+    )
+
+
+def response(along: Along, errors: np.ndarray) -> Response:
+    """Response of robots whose sources have these errors (robots, sources), with the matrices of each."""
+    own = [np.tensordot(errors, x, 1) for x in along.constant]
+    some = list(along.varying)
+    parts = along.M, along.D, along.K
+
+    def matrices(k: int) -> Matrices:
+        if not some:
+            return own[0] + along.M[k], own[1] + along.D[k], own[2] + along.K[k]
+        changes = (np.array([along.varying[j][i][k] for j in some]) for i in range(3))
+        M, D, K = (x[k] + y + np.tensordot(errors[:, some], z, 1) for x, y, z in zip(parts, own, changes, strict=True))
+        return M, D, K
+
+    return _integrate(along, len(errors), matrices, lambda k: errors @ along.force[:, k])
+
+
+def _integrate(
+    along: Along, robots: int, matrices: Callable[[int], Matrices], force: Callable[[int], np.ndarray]
+) -> Response:
+    """Integrate the deviations; ``matrices`` (n, n) or (robots, n, n) and ``force`` (robots, n) at an instant."""
+    f, h, C = along.feedback, along.t[1] - along.t[0], along.feedback.rows
+    n_m, n = C.shape
+    k_s, k_p, k_i = f.speed_gain, f.position_gain[:, None], f.integral_gain
+    d, total, u = _rest(along, matrices(0)[2], force(0))
+    v, a = np.zeros((robots, n)), np.zeros((robots, n))
+    w = -(d @ (k_p * C).T)
+    out = Response(*(np.empty((len(along.t), robots, m)) for m in (along.W.shape[1], n_m, len(along.twist))))
+    per_torque = (1.0 + k_i * h / 2) * k_s
+    for k in range(len(along.t)):
+        if k:
+            if k % 50 == 0:
+                check_time("uncertainty")
+            M, D, K = matrices(k)
+            in_w = C * (h / 2) + k_p * C * (h * h / 4)  # -dw / da
+            d, v = d + h * v + h * h / 4 * a, v + h / 2 * a  # without the new acceleration
+            w_0 = -(d @ (k_p * C).T + v @ C.T)
+            u_0 = k_s * (w_0 + k_i * (total + h / 2 * (w + w_0)))
+            left = M + h / 2 * D + h * h / 4 * K + along.B[k] @ (per_torque[:, None] * in_w)
+            right = u_0 @ along.B[k].T - force(k) - _times(D, v) - _times(K, d)
+            a = np.linalg.solve(left, right.T).T if left.ndim == 2 else np.linalg.solve(left, right[..., None])[..., 0]
+            d, v = d + h * h / 4 * a, v + h / 2 * a
+            w_1 = w_0 - a @ in_w.T
+            total, w = total + h / 2 * (w + w_1), w_1
+            u = k_s * (w + k_i * total)
+        out.error[k], out.tau_m[k], out.deflection[k] = d @ along.W[k].T, u, d @ along.twist.T
+    return out
+
+
+def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Matrices (n, n) or (robots, n, n) times vectors (robots, n)."""
+    return x @ A.T if A.ndim == 2 else np.matmul(A, x[..., None])[..., 0]
+
+
+def _rest(along: Along, K: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Deviations at rest with the motors at their reference, integral of w, and torques of the feedback."""
+    f, (n_m, n) = along.feedback, along.feedback.rows.shape
+    A = np.zeros((*K.shape[:-2], n + n_m, n + n_m))
+    A[..., :n, :n], A[..., :n, n:], A[..., n:, :n] = K, -along.B[0], f.rows
+    right = np.concatenate([-force, np.zeros((len(force), n_m))], axis=1)
+    found = np.linalg.solve(A, right.T).T if A.ndim == 2 else np.linalg.solve(A, right[..., None])[..., 0]
+    d, u = found[:, :n], found[:, n:]
+    return d, u / (f.speed_gain * f.integral_gain), u
