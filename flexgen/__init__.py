@@ -274,6 +274,7 @@ _RESULTS = {
     "Calibration.to_text": "flexgen.reports.calibration_texts:text_of_calibration",
     "Detection.plot": "flexgen.plots.signals:plot_arrays",
     "Estimate.plot": "flexgen.plots.signals:plot_arrays",
+    "Estimated.uncertainty": "flexgen.uncertainty.model_file:with_uncertainty",
     "Estimated.plot": "flexgen.plots.identification:parameter_plot",
     "FastestMove.plot": "flexgen.plots.signals:plot_fastest",
     "Frf.plot": "flexgen.plots.identification:response_grid",

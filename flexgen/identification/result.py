@@ -185,6 +185,8 @@ class Estimated(Result):
     def write(self, path: str | Path, model_file: str | Path | None = None) -> Path:
         """Write the new model file: the text of the old one with other numbers, and their standard deviations.
 
+        They and the correlations are also in its table ``[uncertainty]``, see `flexgen.predict`.
+
         Parameters
         ----------
         path : str or Path
@@ -199,7 +201,24 @@ class Estimated(Result):
         note = "" if self.status.has_deviations else f"{self.status}, no standard deviations"
         sd = {name: value for name, value in self.sd.items() if value is not None}
         values = self.used() | self.sensor_delays
-        return write_model(path, self.vector.model, values, sd, self.source, model_file, note=note)
+        written = write_model(path, self.vector.model, values, sd, self.source, model_file, note=note)
+        if self.covariance is None:
+            return written
+        names, covariance = self._relative_covariance(self.covariance)
+        text = written.read_text(encoding="utf-8")
+        return (
+            write_text(written, find_function("Estimated.uncertainty")(text, names, covariance)) if names else written
+        )
+
+    def _relative_covariance(self, covariance: np.ndarray) -> tuple[list[str], np.ndarray]:
+        """Names of the numbers of the model, tied ones too, and the covariance of their relative errors."""
+        named, found = self.vector.named(self.x), []
+        for k, unknown in enumerate(self.vector.unknowns):
+            for name in (unknown.name, *unknown.tied):
+                if not is_of_drive(name) and named[name] != 0.0:
+                    found.append((name, k, 1.0 if unknown.scale == "log" else 1.0 / named[unknown.name]))
+        order, slopes = [k for _, k, _ in found], np.array([slope for *_, slope in found])
+        return [name for name, *_ in found], covariance[np.ix_(order, order)] * np.outer(slopes, slopes)
 
 
 @checked_result

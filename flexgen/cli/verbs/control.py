@@ -34,6 +34,12 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     margins = run.margins()
     data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}}
     text = text_of_control(run, margins)
+    if model.uncertainty is not None and run.status == "done":
+        from flexgen.uncertainty.in_loop import error_in_loop, error_text
+
+        options = keywords(args, "move", "plants", "disturbances")
+        data["drawn"] = error_in_loop(run, progress=throttle(log), **options)
+        text += f"\n\n{error_text(data['drawn'])}"
     return with_files(text, data, written(args, run), "" if run.status == "done" else run.status)
 
 

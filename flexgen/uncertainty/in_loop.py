@@ -1,0 +1,63 @@
+"""Tool error of drawn robots under any controller of `flexgen.control`, by the nonlinear simulation of the loop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flexgen.display import format_size
+from flexgen.loop.control import control
+from flexgen.loop.result import UNITS, ControlRun
+from flexgen.model.elements import RobotModel
+from flexgen.progress import Choice
+from flexgen.uncertainty.prediction import LEVEL
+from flexgen.uncertainty.sources import PAYLOAD, sources_of
+
+DRAWN = 64  # robots
+
+
+def draw_plants(model: RobotModel, robots: int = DRAWN, seed: int = 0) -> dict[str, dict[str, float]]:
+    """Robots drawn from the table ``[uncertainty]`` as `flexgen.control` takes them: ``{"drawn_1": {...}, ...}``."""
+    assert model.uncertainty is not None
+    sources = sources_of(model, model.uncertainty)
+    errors = sources.errors(np.random.default_rng(seed).standard_normal((robots, sources.root.shape[1])))
+    added, out = sources.added[sources.owner], {}
+    for k, error in enumerate(errors[:, sources.owner], 1):
+        named = zip(sources.parameters, error, added, strict=True)
+        out[f"drawn_{k}"] = {
+            "payload" if add and p.name == PAYLOAD else p.name: float(x if add else 1.0 + x) for p, x, add in named
+        }
+    return out
+
+
+def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> dict[str, Any]:
+    """The error that 95 % of the robots keep under the controller of a run; ``options``: of `flexgen.control`.
+
+    Returns
+    -------
+    dict
+        ``robots``; ``failed``: robots that stopped early; ``error_m``, ``error_rad`` [m], [rad]: None where the output
+        has no such part, or where more than one in twenty have stopped early.
+    """
+    plants = draw_plants(run.model)
+    found = control(run.model, plants=plants, solution=run.solution, progress=progress, **options)
+    robots = [found[name] for name in plants]
+    out: dict[str, Any] = {"robots": len(robots), "failed": sum(bool(robot.failure) for robot in robots)}
+    for unit in UNITS:
+        key = f"error_max_{unit}"
+        out[f"error_{unit}"] = None
+        if found.figures(found.runs[0])[key] is not None:
+            sizes = [np.inf if r.failure else found.figures(r)[key] for r in robots]
+            value = float(np.quantile(sizes, LEVEL, method="higher"))
+            out[f"error_{unit}"] = value if np.isfinite(value) else None
+    return out
+
+
+def error_text(found: dict[str, Any]) -> str:
+    """What `error_in_loop` returns in words."""
+    sizes = [f"<= {format_size(found[f'error_{u}'], u)}" for u in UNITS if found[f"error_{u}"] is not None]
+    failed = f", {found['failed']} of them stopped early" if found["failed"] else ""
+    inside = int(np.ceil(LEVEL * found["robots"]))
+    drawn = f"{inside} of {found['robots']} robots drawn from [uncertainty], without disturbances{failed}"
+    return f"error {' and '.join(sizes) or 'not known'} of {drawn}"

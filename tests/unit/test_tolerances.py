@@ -1,0 +1,135 @@
+"""The table ``[uncertainty]``: wrong ones are refused, an identification writes one, draws have its distribution."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen.identification.parameters import ParameterVector
+from flexgen.identification.result import Estimated, FitStatus
+from flexgen.mechanics.parameters import select
+from flexgen.uncertainty.in_loop import draw_plants
+from flexgen.uncertainty.model_file import with_uncertainty
+from flexgen.uncertainty.sources import sources_of
+
+PAIR = {"parameters": ["q1.stiffness", "q2.stiffness"], "sd": [0.1, 0.2]}
+
+
+def elbow(**table):
+    return flexgen.read("elbow", overrides={"uncertainty": table})
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        ({"common": ["lengths"]}, "some of stiffness, damping, friction, masses, motor_inertia"),
+        ({"stiffness": -0.1}, ">= 0"),
+        ({"stiffnes": 0.1}, "stiffness"),
+        ({"parameters": ["q1.stiffness"]}, "for each of the parameters"),
+        (PAIR | {"correlation": [1.0, 0.3, 0.2, 1.0]}, "symmetric matrix"),
+        (PAIR | {"correlation": [2.0, 0.3, 0.3, 1.0]}, "symmetric matrix"),
+        (PAIR | {"correlation": [1.0, 0.3]}, "4 numbers"),
+    ],
+)
+def test_wrong_tables_are_refused(table, expected):
+    with pytest.raises(flexgen.ModelError, match="uncertainty") as caught:
+        elbow(**table)
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        ({}, "standard deviations of no number"),
+        ({"parameters": ["q9.stiffness"], "sd": [0.1]}, "q9.stiffness"),
+        ({"parameters": ["stiffness"], "sd": [0.1]}, "names of single numbers"),
+        (PAIR | {"correlation": [1.0, 1.5, 1.5, 1.0]}, "eigenvalue -0.5"),
+    ],
+)
+def test_tables_that_do_not_fit_the_model_are_refused(table, expected):
+    model = elbow(**table)
+    with pytest.raises(flexgen.ArgumentError, match=expected):
+        sources_of(model, model.uncertainty)
+
+
+def test_predict_refuses_a_model_without_table_and_solutions_of_a_baseline():
+    with pytest.raises(flexgen.ArgumentError, match=r"no table \[uncertainty\]"):
+        flexgen.predict("elbow")
+    rigid = flexgen.solve(elbow(stiffness=0.1), method="rigid", verify=False, progress=False)
+    with pytest.raises(flexgen.ArgumentError, match="status baseline"):
+        flexgen.predict(rigid.model, solution=rigid)
+    with pytest.raises(flexgen.ArgumentError, match="at least 16"):
+        flexgen.predict(elbow(stiffness=0.1), robots=3)
+
+
+def test_the_table_changes_nothing_else():
+    """Neither the canonical text of a model, by which libraries are kept, nor its torques."""
+    plain, with_table = flexgen.read("elbow"), elbow(stiffness=0.1)
+    assert plain.text == with_table.text
+    torques = [flexgen.solve(m, progress=False).trajectory["tau_m"] for m in (plain, with_table)]
+    assert np.array_equal(*torques)
+
+
+def test_draws_have_the_moments_of_the_table():
+    model = elbow(
+        **PAIR, correlation=[1.0, -0.6, -0.6, 1.0], masses=0.03, common=["masses"], motor_inertia=0.5, payload=2.0
+    )
+    sources = sources_of(model, model.uncertainty)
+    x = sources.errors(np.random.default_rng(1).standard_normal((20000, sources.root.shape[1])))
+    k = {name: i for i, name in enumerate(sources.names)}
+    pair = x[:, [k["q1.stiffness"], k["q2.stiffness"]]]
+    assert np.allclose(np.cov(pair.T), [[0.01, -0.012], [-0.012, 0.04]], rtol=0.05)
+    assert np.array_equal(x[:, k["upper.mass"]], x[:, k["fore.mass"]])
+    rotor = 1.0 + x[:, k["m1.inertia"]]  # log-normal
+    assert rotor.min() > 0.0 and abs(np.median(rotor) - 1.0) < 0.02
+    assert abs(rotor.std() / rotor.mean() - 0.5) < 0.02
+    load = x[:, k["payload.mass"]]
+    assert load.min() == -model.payload.mass  # none left; half of the robots would have less
+    assert abs(np.quantile(load, 0.975) - 1.96 * 2.0) < 0.1
+
+
+def test_plants_for_the_loop_are_the_same_robots():
+    model = elbow(stiffness=0.1, payload=0.5)
+    plants = draw_plants(model, 3, seed=5)
+    sources = sources_of(model, model.uncertainty)
+    errors = sources.errors(np.random.default_rng(5).standard_normal((3, sources.root.shape[1])))
+    values = sources.values(errors)
+    for robot, row in zip(plants.values(), values, strict=True):
+        for parameter, value in zip(sources.parameters, row, strict=True):
+            found = parameter.value + robot["payload"] if parameter.name == "payload.mass" else None
+            found = parameter.value * robot[parameter.name] if found is None else found
+            assert abs(found - value) <= 1e-12 * abs(value)
+
+
+def test_an_identification_writes_deviations_relative_to_the_values():
+    model = flexgen.read("elbow")
+    vector = ParameterVector(
+        model,
+        ["q1.stiffness", "q2.stiffness", "fore.com_x"],
+        ties={"q2.damping": "q2.stiffness"},
+        start={"fore.com_x": -0.2},
+    )
+    values = dict(zip(vector.names, range(3), strict=True))
+    x = vector.start
+    root = np.array([[0.02, 0.0, 0.0], [0.01, 0.6, 0.0], [0.001, 0.0, 0.004]])
+    names, covariance = Estimated(vector, x, root @ root.T, FitStatus.FITTED)._relative_covariance(root @ root.T)
+    old = 'name = "x"\n\n[uncertainty]\nmasses = 0.03\nsd = [1.0]\nparameters = ["a"]\n\n[tool]\n'
+    text = with_uncertainty(with_uncertainty(old, names, covariance), names, covariance)  # again: one table
+    parsed = tomllib.loads(text)
+    found = parsed["uncertainty"]
+    names = found["parameters"]
+    assert parsed["tool"] == {} and found["masses"] == 0.03 and set(values) < set(names) and "q2.damping" in names
+    sd, n = dict(zip(names, found["sd"], strict=True)), len(names)
+    correlation = np.array(found["correlation"]).reshape(n, n)
+    assert sd["q1.stiffness"] == pytest.approx(0.02) and sd["q2.damping"] == pytest.approx(
+        np.hypot(0.01, 0.6), rel=1e-5
+    )
+    assert sd["fore.com_x"] == pytest.approx(np.hypot(0.001, 0.004) / 0.2, rel=1e-5)
+    at = names.index
+    assert correlation[at("q2.stiffness"), at("q2.damping")] == pytest.approx(1.0)
+    # a center of mass that is negative: a larger number is a smaller relative error
+    assert correlation[at("q1.stiffness"), at("fore.com_x")] == pytest.approx(-0.001 / np.hypot(0.001, 0.004), rel=1e-6)
+    assert {p.name for p in select(model, names)} == set(names)
