@@ -276,6 +276,7 @@ _RESULTS = {
     "Estimate.plot": "flexgen.plots.signals:plot_arrays",
     "Estimated.uncertainty": "flexgen.uncertainty.model_file:with_uncertainty",
     "Estimated.plot": "flexgen.plots.identification:parameter_plot",
+    "FastestMove.torques": "flexgen.uncertainty.prediction:torque_band",
     "FastestMove.plot": "flexgen.plots.signals:plot_fastest",
     "Frf.plot": "flexgen.plots.identification:response_grid",
     "Frf.report": "flexgen.reports.identification_page:write_responses",

@@ -313,6 +313,7 @@ fastest MODEL | control:fastest | fastest
         speed X_... numbers: the same of the motor speeds [rad/s]
         torque_rate X positive: bound of the rates of the torques, as a multiple of the largest one of the move as it is
             given
+        against TEXT: '95 %': of the robots drawn from [uncertainty] 95 % keep the torque limits with motor feedback
         vibration M positive: bound of the vibration after the path [m], of robots with 10 % less and more stiffness
             under control
     files

@@ -15,10 +15,14 @@ Source: H. Pham, Q.-C. Pham, IEEE Trans. Robotics 34(3), 2018 (reachable squared
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path as FilePath
 from time import perf_counter, process_time
 from typing import Any
+
+import numpy as np
 
 from flexgen.deadline import OutOfTime, running
 from flexgen.errors import ArgumentError, SolverError
@@ -32,12 +36,14 @@ from flexgen.paths.path import Path, check_range
 from flexgen.performance.rigid_time import rigid_time
 from flexgen.performance.time_search import TimeSearch
 from flexgen.progress import Choice, reported
+from flexgen.registry import find_function
 from flexgen.results import Result
 from flexgen.spec.arguments import check_not_negative, check_positive, is_whole
 from flexgen.type_checks import checked_result, checked_types
 
 COEFFICIENTS = 16
 TIME_LIMIT = 600.0  # s, of a search
+AGAINST, ROUNDS, SLACK = "95 %", 5, 1e-3  # searches with a margin; relative excess of a limit that is accepted
 
 
 @checked_result
@@ -68,6 +74,8 @@ class FastestMove(Result):
         Time of the search.
     history : tuple of float
         Duration after each step [s].
+    margin : tuple of float [N m]
+        Torque of each motor that is left for the feedback of 95 % of the robots; empty without ``against``.
 
     Examples
     --------
@@ -91,6 +99,7 @@ class FastestMove(Result):
     cpu_s: float
     wall_s: float
     history: tuple[float, ...]
+    margin: tuple[float, ...] = ()
 
     @property
     def unit(self) -> str:
@@ -117,6 +126,7 @@ class FastestMove(Result):
 
     def __str__(self) -> str:
         """Durations, limits and effort."""
+        margin = ", ".join(f"{x:.3g}" for x in self.margin)
         shorter = 100 * (1 - self.duration_s / self.default_s)
         return "\n".join(
             [
@@ -132,6 +142,7 @@ class FastestMove(Result):
                     for name, x in self.vibration.items()
                 ),
                 f"  {str(self.solution).splitlines()[1].strip()}",
+                *(f"  torque left for the feedback of {AGAINST} of the robots: {margin} N m" for _ in self.margin[:1]),
             ]
         )
 
@@ -152,6 +163,7 @@ class FastestMove(Result):
             "inversions": self.inversions,
             "cpu_s": self.cpu_s,
             "history_s": list(self.history),
+            "margin_Nm": list(self.margin),
             "solution": self.solution.to_dict(),
         }
 
@@ -166,6 +178,7 @@ def fastest(
     torque_rate: float | None = None,
     vibration: float | None = None,
     coefficients: int = COEFFICIENTS,
+    against: str | None = None,
     time_limit: float | None = TIME_LIMIT,
     progress: Choice = None,
 ) -> FastestMove:
@@ -187,6 +200,9 @@ def fastest(
         see `flexgen.performance.residual_vibration`. The robots are simulated in every step.
     coefficients : int
         Inner coefficients of the time law, 4 to 60: more are faster and take longer.
+    against : str, optional
+        ``"95 %"``: of the robots drawn from the table ``[uncertainty]`` of the model, 95 % keep the torque limits at
+        each instant with the motor feedback of `flexgen.predict`; the search is repeated with what it leaves of them.
     time_limit : float or None [s]
         Of the whole search; None or 0: unlimited.
     progress : callable or bool, optional
@@ -216,15 +232,45 @@ def fastest(
         check_positive("vibration", vibration, "a size > 0 in m, or rad where the output has no lengths")
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
+    if against not in (None, AGAINST):
+        raise ArgumentError(f"against: given {against!r}, expected {AGAINST!r} or None")
+    robot = robot_of(model)
+    if against is not None and robot.uncertainty is None:
+        raise ArgumentError(f"against: given {robot.title} without a table [uncertainty], expected one in its file")
     check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
     try:
         with running(time_limit or None):
-            return _find_fastest(robot_of(model), move, limits, torque_rate, vibration, coefficients, progress)
+            find = partial(_find_fastest, robot, move, limits, torque_rate, vibration, coefficients, progress)
+            return find() if against is None else _with_margin(find, progress)
     except OutOfTime as error:
         raise SolverError(
             f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with time_limit= "
             "(--time-limit SECONDS), or take fewer coefficients"
         ) from None
+
+
+def _with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestMove:
+    """The fastest move whose torques, with those of the feedback of 95 % of the robots, keep the limits.
+
+    SolverError where what they leave of the limits does not settle.
+    """
+    found = find()
+    limits = np.array(found.limits.torque)
+    margin = np.zeros(len(limits))
+    for _ in range(ROUNDS):
+        low, high = find_function("FastestMove.torques")(found.solution, progress=progress)
+        over = np.maximum(np.abs(low), np.abs(high)).max(axis=0) - limits
+        if (over <= SLACK * limits).all():
+            return replace(found, margin=tuple(margin.tolist()))
+        margin = margin + np.maximum(over, 0.0)
+        if (margin >= limits).any():
+            break
+        found = find(margin=margin)
+    raise SolverError(
+        f"fastest: the feedback of {AGAINST} of the robots needs {np.round(margin, 3).tolist()} N m or more of the "
+        f"torque limits {limits.tolist()} N m; know the model better (smaller numbers in [uncertainty]), or allow "
+        "larger torques"
+    )
 
 
 def _find_fastest(
@@ -235,14 +281,19 @@ def _find_fastest(
     vibration: float | None,
     coefficients: int,
     progress: Choice,
+    margin: np.ndarray | None = None,
 ) -> FastestMove:
-    """The fastest time law; the arguments are those of `fastest`, checked."""
+    """The fastest time law; arguments of `fastest`, checked; ``margin`` (n_m,): what torques leave of the limits."""
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
     default = solve(robot, move, progress=progress if callable(progress) else None)
     path = Path(derive(robot), default.move)
     check_range(path)
     search = TimeSearch(path, default, limits, torque_rate, vibration, coefficients, tell)
+    kept, bounds = search.limits, search.bounds
+    if margin is not None:
+        own = replace(limits or Limits(), torque=tuple((bounds[0] - margin).tolist()))
+        search = TimeSearch(path, default, own, torque_rate, vibration, coefficients, tell)
     began, cpu = perf_counter(), process_time()
     x, history = search.run()
     if search.swings is not None:
@@ -253,7 +304,7 @@ def _find_fastest(
     found = solve(robot, timed, ignore_limits=True, progress=progress if callable(progress) else None)
     new, given = (search.vibrations(solution) for solution in (found, default))
     return FastestMove(
-        found, default, search.limits, float(x[0]), path.duration, rigid_time(path, *search.bounds),
+        found, default, kept, float(x[0]), path.duration, rigid_time(path, *bounds),
         new, given, search.excess(x), coefficients, search.programs,
         search.inversions, seconds[1], seconds[0], tuple(history),
     )  # fmt: skip

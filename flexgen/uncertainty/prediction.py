@@ -109,6 +109,12 @@ def predict(
     return _prediction(solution, sources, along, first, found, errors, seed)
 
 
+def torque_band(solution: Solution, progress: Choice = None) -> tuple[np.ndarray, np.ndarray]:
+    """Limits (k, n_m) [N m] between which the motor torques of 95 % of the robots are; `flexgen.fastest` calls it."""
+    found = predict(solution.model, solution=solution, progress=progress).torque
+    return found.low, found.high
+
+
 def _prediction(
     solution: Solution,
     sources: Sources,
