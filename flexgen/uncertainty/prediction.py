@@ -41,7 +41,7 @@ def predict(
     move: str | Move | None = None,
     *,
     solution: Solution | None = None,
-    robots: int = 64,
+    robots: int = 48,
     seed: int = 0,
     progress: Choice = None,
 ) -> Prediction:
@@ -77,7 +77,7 @@ def predict(
     >>> known_up_to = {"uncertainty": {"stiffness": 0.1, "masses": 0.03}}
     >>> found = flexgen.predict(flexgen.read("elbow", overrides=known_up_to))
     >>> f"95 % of the robots within {1e6 * found.error_m:.0f} um"
-    '95 % of the robots within 169 um'
+    '95 % of the robots within 170 um'
     >>> found.shares[0].name, found.to_halve
     ('q1.stiffness', ('q1.stiffness',))
     """

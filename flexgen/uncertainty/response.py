@@ -33,8 +33,8 @@ from flexgen.trajectory import Trajectory
 from flexgen.uncertainty.sources import Sources
 
 STEPS, FINEST, FEWEST, MOST = 12.0, 1e-3, 200, 1500  # a period of the speed control, least step [s], points
-KNOTS = 100  # instants at which matrices are evaluated; linear between them
-PROBES = (0.0, 0.3, 0.55, 1.0)  # parts of the time at which matrices are compared: at rest, and twice in motion
+KNOTS, DENSER = 60, 3.0  # instants at which matrices are evaluated, linear between them; more of them where it moves
+PROBES = (0.0, 0.4, 1.0)  # parts of the time at which matrices are compared: at rest and in motion
 SAME = 1e-9  # relative to their largest entry
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -101,7 +101,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     changed = derive(model, [p.name for p in sources.parameters])
     motion = trajectory.at(t)
     force = _forces(changed, tuple(motion[name] for name in MOTION), sources)
-    knots = np.unique(np.linspace(0, len(t) - 1, KNOTS).astype(int))
+    knots = _knots(motion["v_a"])
     local, points = LocalDynamics(changed), tuple(motion[name][knots] for name in MOTION)
     M, D, K, B = local.matrices(points, sources.nominal)
     constant, varying = _changes(local, points, (M, D, K), sources)
@@ -116,6 +116,14 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
     motors = tuple(motor.name for motor in model.motors)
     return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion)
+
+
+def _knots(v_a: np.ndarray) -> np.ndarray:
+    """Instants at which matrices are evaluated, as numbers of samples."""
+    speed = np.abs(v_a).max(axis=1)
+    along = np.cumsum(1.0 + DENSER * speed / max(float(speed.max()), 1e-300))
+    found = np.searchsorted(along, np.linspace(along[0], along[-1], KNOTS))
+    return np.unique(np.clip(found, 0, len(v_a) - 1))
 
 
 def _forces(changed: Equations, points: tuple[np.ndarray, ...], sources: Sources) -> np.ndarray:
