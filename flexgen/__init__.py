@@ -12,8 +12,8 @@ from flexgen import registry
 from flexgen.version import __version__ as __version__
 
 _VERBS = {
-    "models": "flexgen.catalogue",
-    "describe": "flexgen.catalogue",
+    "models": "flexgen.model_files.catalogue",
+    "describe": "flexgen.model_files.catalogue",
     "read": "flexgen.model.reader",
     "read_moves": "flexgen.model.task_files",
     "derive": "flexgen.mechanics.equations",
@@ -45,7 +45,7 @@ _VERBS = {
     "learn": "flexgen.performance.learn",
     "export": "flexgen.exports.added",
     "score": "flexgen.benchmarks.score",
-    "schema": "flexgen.file_schema",
+    "schema": "flexgen.model_files.json_schema",
     "view": "flexgen.reports.view",
 }
 # Functions whose command needs no row in verbs.py: their parameters and docstrings give its options.

@@ -13,8 +13,6 @@ from flexgen.calibration.calibrate import calibrate as calibrate
 from flexgen.calibration.parameters import Priors as Priors
 from flexgen.calibration.poses import StaticPoses as StaticPoses
 from flexgen.calibration.result import Calibration as Calibration
-from flexgen.catalogue import describe as describe
-from flexgen.catalogue import models as models
 from flexgen.errors import ArgumentError as ArgumentError
 from flexgen.errors import BuildError as BuildError
 from flexgen.errors import FlexgenError as FlexgenError
@@ -30,7 +28,6 @@ from flexgen.exports.ros2.export import export_ros2 as export_ros2
 from flexgen.exports.selftest.export import export_selftest as export_selftest
 from flexgen.exports.simulink.export import export_simulink as export_simulink
 from flexgen.exports.urdf import export_urdf as export_urdf
-from flexgen.file_schema import schema as schema
 from flexgen.identification.experiments.excitation import Plan as Plan
 from flexgen.identification.experiments.experiment import Experiment as Experiment
 from flexgen.identification.experiments.experiment import measure as measure
@@ -92,6 +89,9 @@ from flexgen.model.moves import PoseTarget as PoseTarget
 from flexgen.model.moves import Program as Program
 from flexgen.model.reader import read as read
 from flexgen.model.task_files import read_moves as read_moves
+from flexgen.model_files.catalogue import describe as describe
+from flexgen.model_files.catalogue import models as models
+from flexgen.model_files.json_schema import schema as schema
 from flexgen.observers.collision import CollisionDetector as CollisionDetector
 from flexgen.observers.collision import Detection as Detection
 from flexgen.observers.constant_gain import ConstantGainObserver as ConstantGainObserver

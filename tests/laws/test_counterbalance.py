@@ -13,9 +13,9 @@ import flexgen
 from flexgen.equations_text.equations import symbolic
 from flexgen.errors import ArgumentError, FlexgenError, ModelError
 from flexgen.exports.mujoco import export_mujoco
-from flexgen.file_schema import schema
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
+from flexgen.model_files.json_schema import schema
 from flexgen.numerics.evaluate import evaluate
 from flexgen.recursion.functions import fast_function
 

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import pytest
 
-from flexgen.catalogue import models
 from flexgen.cli.main import main
 from flexgen.cli.parser import build_parser, parse
 from flexgen.cli.verbs.completion import verbs
 from flexgen.library import compiler
+from flexgen.model_files.catalogue import models
 from flexgen.reports.text_tables import fit_tables, table
 from flexgen.sweeps.summary import group_reasons
 from flexgen.verbs import LISTS

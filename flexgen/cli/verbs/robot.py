@@ -15,7 +15,7 @@ from flexgen.reports.text_tables import paragraph, roots, table
 
 def models(args: Namespace, log: Progress) -> VerbResult:
     """List the models by name."""
-    from flexgen.catalogue import models as list_models
+    from flexgen.model_files.catalogue import models as list_models
     from flexgen.reports.texts import models_text
 
     broken: dict[str, str] = {}
@@ -27,7 +27,7 @@ def models(args: Namespace, log: Progress) -> VerbResult:
 
 def describe(args: Namespace, log: Progress) -> VerbResult:
     """Describe a model: coordinates, motors, moves, variants."""
-    from flexgen.catalogue import describe as describe_model
+    from flexgen.model_files.catalogue import describe as describe_model
     from flexgen.reports.texts import description_text
 
     data = describe_model(args.model, overrides=dict(args.set or ()))
