@@ -12,7 +12,7 @@ import numpy as np
 import flexgen
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.structure import without
+from flexgen.identification.missing_springs import without
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import RobotModel
 

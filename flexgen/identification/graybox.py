@@ -17,6 +17,7 @@ import numpy as np
 
 from flexgen.counts import STARTS, count_of, show_value
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.causes import explain
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor
@@ -146,11 +147,13 @@ def _fit(
     if structured and explained and residual == "nls":
         residuals, best = _with_structure(vector, data, residuals, best, degrees)
     cost = best.cost / degrees
+    status = _status(best, cost, error, data)
+    wrong = floor is None and residual == "nls" and status not in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
     return IdentificationResult(
         vector=vector,
         x=best.x,
         formal_covariance=residuals.covariance(best.x, best.A),
-        status=_status(best, cost, error, data),
+        status=status,
         cost=cost,
         model_error=error,
         starts=len(fits),
@@ -162,6 +165,7 @@ def _fit(
         variance=residuals.variance,
         deflection_sd=residuals.deflection_sd,
         weights=residuals.kind,
+        causes=explain(residuals.on(data), best.x) if wrong else (),
         wall_s=time.perf_counter() - began,
     )
 
@@ -240,14 +244,13 @@ def _with_model_error(
     element by itself, the part of its residuals above the noise, averaged over neighboring lines: friction and missing
     springs do not disturb all channels in the same way.
     """
-    residual, averaged = plain.kind, plain.deflection_sd
     noise, size = plain.variance, np.abs(data.G) ** 2
     difference = np.abs(plain.response(best.x).G - data.G) ** 2
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2
         low, high = (middle, high) if (difference / (noise + middle**2 * size)).sum() > degrees else (low, middle)
-    residuals = Residuals(vector, data, residual, high, deflection_sd=averaged)
+    residuals = plain.on(data, high)
     best = _search(vector, residuals, best.x)
     error = high
     for k in range(REWEIGHTINGS):
@@ -256,7 +259,7 @@ def _with_model_error(
         error = float(np.sqrt(np.median(extra / size)))
         if tell is not None:
             tell(f"model error {100 * error:.2g} % of the responses, fit {k + 1} of {REWEIGHTINGS}")
-        residuals = Residuals(vector, data, residual, extra=extra, deflection_sd=averaged)
+        residuals = residuals.on(data, extra=extra)
         best = _search(vector, residuals, best.x)
     return error, residuals, best
 

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Literal, get_args
 
 import numpy as np
@@ -40,8 +41,6 @@ class Residuals:
         ``"nls"`` or ``"lls"``.
     floor : float
         Model error: part of ``|G|`` that is added to the standard deviations.
-    extra : array (k, lines, n_m, n_m), optional
-        Variance of each element in addition to its noise.
     deflection_sd : array (k, springs), optional
         Deviations over which springs that are not linear are averaged; see `average_springs`.
     """
@@ -52,17 +51,12 @@ class Residuals:
         data: Frf,
         kind: str = "nls",
         floor: float = 0.0,
-        extra: np.ndarray | None = None,
         deflection_sd: np.ndarray | None = None,
     ) -> None:
         self.vector, self.data, self.kind = vector, data, kind
         self.local = LocalModel(vector.model, vector.of_model, data.sensors)
         self.drive = Drive(data.sample_s, data.delay_s)
-        noise = (
-            data.variance if data.total is None else np.maximum(_smooth_variances(data.total, data.G), data.variance)
-        )
-        size = np.abs(data.G)
-        self.variance = noise + ((floor**2 + LEAST_RELATIVE_SD**2) * size**2) + (0.0 if extra is None else extra)
+        self.variance = _noise(data, floor)
         self._white: tuple[np.ndarray, np.ndarray] | None = None  # L^-1 and (U U^H)^(1/2) P^(1/2)
         self._rest: tuple[np.ndarray, Rest] | None = None
         none = np.zeros((len(data.poses), len(self.local.springs)))
@@ -85,6 +79,15 @@ class Residuals:
             return found
         assert found.dG is not None
         return Response(found.G, along_x(self.vector, self.local, x, found.G, found.dG, self.data.w))
+
+    def on(self, data: Frf, floor: float = 0.0, extra: np.ndarray | float = 0.0) -> Residuals:
+        """The residuals of the same model against other responses, or with other weights.
+
+        ``extra`` (k, lines, n_m, n_m): variance of each element in addition to its noise.
+        """
+        out = copy.copy(self)
+        out.data, out.variance, out.drive = data, _noise(data, floor) + extra, Drive(data.sample_s, data.delay_s)
+        return out
 
     def average_springs(self, x: np.ndarray) -> None:
         """Average springs that are not linear over the deflections that the torques of the data cause at x."""
@@ -135,11 +138,7 @@ class Residuals:
 
     def sums(self, x: np.ndarray) -> Sums:
         """Sum of the squares, ``Re J^H r``, ``Re J^H J``."""
-        r, J = self.weight(x, True)
-        assert J is not None
-        flat, r = J.reshape(-1, J.shape[-1]), r.ravel()
-        real = np.vstack([flat.real, flat.imag])
-        return float((np.abs(r) ** 2).sum()), real.T @ np.concatenate([r.real, r.imag]), real.T @ real
+        return normal(*self.weight(x, True))
 
     def covariance(self, x: np.ndarray, A: np.ndarray) -> np.ndarray:
         """Covariance (n, n) of x at the minimum: ``H (B/2 + W) H`` (sandwich), ``H = (A + W)^-1``.
@@ -170,6 +169,24 @@ class Residuals:
             flat = np.vstack([flat, beside.reshape(-1, J.shape[-1])])
         B = np.real(flat.conj().T @ flat)
         return inverse @ (0.5 * B + prior) @ inverse
+
+
+def as_real(r: np.ndarray, J: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Complex residuals and derivatives (..., n) as real numbers, (2 N,) and (2 N, n)."""
+    assert J is not None
+    flat = J.reshape(-1, J.shape[-1])
+    return stack(r), np.vstack([flat.real, flat.imag])
+
+
+def stack(r: np.ndarray) -> np.ndarray:
+    """Complex numbers as real ones (2 N,)."""
+    return np.concatenate([r.real.ravel(), r.imag.ravel()])
+
+
+def normal(r: np.ndarray, J: np.ndarray | None) -> Sums:
+    """The sums of residuals and their derivatives."""
+    flat, real = as_real(r, J)
+    return float(flat @ flat), real.T @ flat, real.T @ real
 
 
 def output_powers(data: Frf, w: np.ndarray) -> np.ndarray:
@@ -220,6 +237,12 @@ def _regular(C: np.ndarray) -> np.ndarray:
     size = np.real(np.einsum("...aa->...a", C))
     least = np.maximum(size, 1e-12 * size.max(axis=-1, keepdims=True)) * 1e-9 + 1e-300
     return C + least[..., None] * np.eye(C.shape[-1])
+
+
+def _noise(data: Frf, floor: float = 0.0) -> np.ndarray:
+    """Variances of the elements by noise, and by a model error that is a part of their size."""
+    noise = data.variance if data.total is None else np.maximum(_smooth_variances(data.total, data.G), data.variance)
+    return np.asarray(noise + (floor**2 + LEAST_RELATIVE_SD**2) * np.abs(data.G) ** 2)
 
 
 def _smooth_variances(variance: np.ndarray, G: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from flexgen.counts import show_value
 from flexgen.deprecation import warn_of_old
 from flexgen.display import plain
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.identification.causes import Cause
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import (
     SENSOR_DELAY,
@@ -248,6 +249,9 @@ class IdentificationResult(Estimated):
     weights : str
         ``"structured"``, ``"nls"``, ``"lls"`` or ``"time domain"``.
     wall_s : float [s]
+    causes : tuple of Cause
+        Faults of the model or the record of which one explains most of the misfit, the best first; see
+        `flexgen.identification.causes`. Empty where the model fits, and where no single fault explains the misfit.
 
     Examples
     --------
@@ -269,6 +273,7 @@ class IdentificationResult(Estimated):
     deflection_sd: np.ndarray
     weights: str
     wall_s: float
+    causes: tuple[Cause, ...] = field(default=(), kw_only=True)
 
     def __repr__(self) -> str:
         return (
@@ -320,6 +325,7 @@ class IdentificationResult(Estimated):
             "iterations": self.iterations,
             "weights": self.weights,
             "weak_directions": list(self.weak),
+            "causes": [{"words": c.words, "share": c.share, "size": c.size} for c in self.causes],
             "wall_s": self.wall_s,
             "parameters": rows,
         }

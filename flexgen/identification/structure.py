@@ -21,15 +21,13 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.graybox import identify
-from flexgen.identification.local_model import LocalModel
+from flexgen.identification.missing_springs import additions, with_sizes, without
 from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import FitStatus, IdentificationResult
-from flexgen.model.elements import Dof, LinearSpring, RobotModel
+from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported, silent
 
-FREQUENCIES = (12.0, 35.0, 90.0)  # Hz: of a new spring and the inertia that it carries, where its search begins
-DAMPING = 0.03  # of critical
 LEAST_GAIN = 10.0  # of the criterion: "very strong" by the usual words
 MOST_ROUNDS = 20
 
@@ -137,54 +135,6 @@ def criterion(found: IdentificationResult) -> float:
     return 2 * found.cost * max(count - len(found.vector) / 2, 1.0) + len(found.vector) * float(np.log(2 * count))
 
 
-def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
-    """Models with one more spring: rotations about the axes perpendicular to each joint that are not there yet."""
-    out = []
-    for e, element in enumerate(model.elements):
-        for at, dof in enumerate(element.dofs):
-            if dof.gear is None or dof.type != "rotation":
-                continue
-            for k, axis in enumerate(perpendicular(np.array(dof.axis))):
-                same = [d for d in element.dofs if d.spring is not None and d.type == "rotation"]
-                if any(abs(float(np.dot(d.axis, axis))) > 0.99 for d in same):
-                    continue
-                new = Dof(
-                    f"{dof.name}_{'uv'[k]}", "rotation", tuple(axis.tolist()), spring=LinearSpring(1.0), damping=1.0
-                )
-                dofs = (*element.dofs[: at + 1], new, *element.dofs[at + 1 :])
-                elements = (*model.elements[:e], replace(element, dofs=dofs), *model.elements[e + 1 :])
-                out.append((new, replace(model, elements=elements)))
-    return out
-
-
-def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors perpendicular to an axis and to each other; coordinate axes where the axis is one."""
-    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = first - axis * (axis @ first)
-    first = first / np.linalg.norm(first)
-    return first, np.cross(axis, first)
-
-
-def without(model: RobotModel, name: str) -> RobotModel:
-    """The model with a coordinate without motor stiff: left out."""
-    elements = tuple(replace(e, dofs=tuple(dof for dof in e.dofs if dof.name != name)) for e in model.elements)
-    return replace(model, elements=elements)
-
-
-def with_spring(model: RobotModel, name: str, stiffness: float, damping: float) -> RobotModel:
-    """The model with other numbers of a spring without motor."""
-    elements = tuple(
-        replace(
-            e,
-            dofs=tuple(
-                replace(d, spring=LinearSpring(stiffness), damping=damping) if d.name == name else d for d in e.dofs
-            ),
-        )
-        for e in model.elements
-    )
-    return replace(model, elements=elements)
-
-
 def _removable(robot: RobotModel, now: IdentificationResult, fixed: Sequence[str]) -> list[str]:
     """Coordinates without motor of the model that was given, as far as they are still there and not fixed."""
     there = {dof.name for e in now.vector.model.elements for dof in e.dofs if dof.spring is not None}
@@ -196,15 +146,7 @@ def _find_best(model: RobotModel, new: str | None, data: Frf) -> IdentificationR
     """The best fit of a changed model; a new spring is searched from several stiffnesses."""
     if new is None:
         return _try(model, data)
-    local = LocalModel(with_spring(model, new, 1e12, 1e6), ())
-    M = local.matrices(local.values, data.poses[:1])[0][0]
-    names = [c.name for c in model.coordinates]
-    inertia = float(M[names.index(new), names.index(new)])
-    fits = []
-    for hz in FREQUENCIES:
-        w = 2 * np.pi * hz
-        stiffness = inertia * w**2
-        fits.append(_try(with_spring(model, new, stiffness, 2 * DAMPING * stiffness / w), data))
+    fits = [_try(robot, data) for robot in with_sizes(model, new, data.poses[:1])]
     found = [fit for fit in fits if fit is not None]
     return min(found, key=lambda fit: fit.cost) if found else None
 

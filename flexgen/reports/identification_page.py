@@ -110,6 +110,7 @@ def _summary(identified: IdentificationResult) -> str:
         ("time of the fit", number(identified.wall_s), "s"),
     ]
     words = f"<p>{html.escape(status.sentence)} {html.escape(status.advice)}</p>\n"
+    words += "".join(f"<p>Possible cause: {html.escape(str(cause))}.</p>\n" for cause in identified.causes)
     return html_table(("quantity", "value", "unit"), rows, (1,)) + words
 
 

@@ -76,6 +76,7 @@ def text_of_identification(found: IdentificationResult, *more: str) -> str:
         f"{found.starts} starts, {number(found.wall_s)} s",
         *([f"model error: {number(100 * found.model_error)} % of the responses"] if found.model_error > 0 else []),
         paragraph(f"{found.status.sentence} {found.status.advice}"),
+        *(f"possible cause: {cause}" for cause in found.causes),
     ]
     return _join("\n".join(lines), table(rows, PARAMETERS), *more, _sentences(found.weak))
 

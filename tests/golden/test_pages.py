@@ -240,6 +240,7 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
             status=status,
             cost=1.25,
             weights="nls",
+            causes=(),
             model_error=0.0321,
             agreed=3,
             starts=5,

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification import missing_springs, time_domain, verdict
 from flexgen.identification import structure as searched
-from flexgen.identification import time_domain, verdict
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus, IdentificationResult
@@ -39,10 +39,10 @@ def test_a_stiff_spring_is_removed_from_ten_strong_evidence_on(
 
     Shown to see: N, 2 N, the factor of n_p, the order of both fits, and the threshold.
     """
-    monkeypatch.setattr(searched, "FREQUENCIES", (35.0,))  # quicker
+    monkeypatch.setattr(missing_springs, "FREQUENCIES", (35.0,))  # quicker
     model = without_coulomb("planar5_nmp")
-    data = responses(searched.without(model, "q3"), lines)
-    given = searched.with_spring(model, "q3", 1e9, 1e3)
+    data = responses(missing_springs.without(model, "q3"), lines)
+    given = missing_springs.with_spring(model, "q3", 1e9, 1e3)
     said: list[str] = []
     found = searched.structure(given, data, progress=said.append)
     assert found.removed == removed and found.added == ()
@@ -63,14 +63,14 @@ def test_a_stiff_spring_is_removed_from_ten_strong_evidence_on(
 
 def test_springs_are_changed_by_name_only() -> None:
     model = flexgen.read("planar5_nmp")
-    stiff = searched.with_spring(model, "q3", 123.0, 4.0)
+    stiff = missing_springs.with_spring(model, "q3", 123.0, 4.0)
     for before, after in zip(model.elements, stiff.elements, strict=True):
         for a, b in zip(before.dofs, after.dofs, strict=True):
             assert b == (replace(a, spring=b.spring, damping=4.0) if a.name == "q3" else a)
     assert [d.spring.stiffness for e in stiff.elements for d in e.dofs if d.name == "q3"] == [123.0]
-    names = [d.name for e in searched.without(model, "q3").elements for d in e.dofs]
+    names = [d.name for e in missing_springs.without(model, "q3").elements for d in e.dofs]
     assert names == ["q1", "q2"]
-    now: Any = SimpleNamespace(vector=SimpleNamespace(model=searched.without(model, "q3")))
+    now: Any = SimpleNamespace(vector=SimpleNamespace(model=missing_springs.without(model, "q3")))
     full: Any = SimpleNamespace(vector=SimpleNamespace(model=model))
     assert searched._removable(model, full, ()) == ["q3"]
     assert searched._removable(model, full, ["q3"]) == [] and searched._removable(model, now, ()) == []
@@ -85,7 +85,7 @@ def test_a_new_spring_is_searched_from_three_frequencies(monkeypatch: pytest.Mon
     """Stiffness ``J w^2`` and 3 % damping, J: inertia that the spring carries, all others stiff."""
     model = without_coulomb("elbow")
     data = responses(model, 3)
-    dof, changed = next((d, m) for d, m in searched.additions(model) if d.name == "q2_v")
+    dof, changed = next((d, m) for d, m in missing_springs.additions(model) if d.name == "q2_v")
     tried = []
 
     def fit(model: RobotModel, data: flexgen.Frf) -> Any:
@@ -99,7 +99,7 @@ def test_a_new_spring_is_searched_from_three_frequencies(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(searched, "_fit", fit)
     best = searched._find_best(changed, dof.name, data)
-    local = LocalModel(searched.with_spring(changed, dof.name, 1e12, 1e6), ())
+    local = LocalModel(missing_springs.with_spring(changed, dof.name, 1e12, 1e6), ())
     inertia = local.matrices(local.values, data.poses[:1])[0][0][2, 2]
     w = 2 * np.pi * np.array([12.0, 35.0, 90.0])
     assert_allclose([k for k, _ in tried], inertia * w**2, rtol=1e-6)
@@ -153,7 +153,7 @@ def test_costs_of_poses_that_were_held_out_are_compared(monkeypatch: pytest.Monk
     """Fitted at the first half, judged at the second one; exact models have no cost."""
     model = without_coulomb("planar5_nmp")
     data = responses(model, 4)
-    wrong = searched.without(model, "q3")
+    wrong = missing_springs.without(model, "q3")
     assert searched._hold_out(wrong, model, data) < 1e-6 < 1e3 < searched._hold_out(model, wrong, data)
     asked = []
 

@@ -1,0 +1,79 @@
+"""Models with one spring without motor more, or less."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flexgen.identification.local_model import LocalModel
+from flexgen.model.elements import Dof, LinearSpring, RobotModel
+
+FREQUENCIES = (12.0, 35.0, 90.0)  # Hz: of a new spring and the inertia that it carries, where its search begins
+DAMPING = 0.03  # of critical
+
+
+def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
+    """Models with one more spring: rotations about the axes perpendicular to each joint that are not there yet.
+
+    And about all three axes of a body that is attached to the one before it without any coordinate.
+    """
+    out = []
+    for e, element in enumerate(model.elements):
+        new = []
+        if not element.dofs and element.body.mass > 0:
+            new = [(0, f"{element.name}_{'xyz'[k]}", axis) for k, axis in enumerate(np.eye(3))]
+        for at, dof in enumerate(element.dofs):
+            if dof.gear is None or dof.type != "rotation":
+                continue
+            for k, axis in enumerate(perpendicular(np.array(dof.axis))):
+                same = [d for d in element.dofs if d.spring is not None and d.type == "rotation"]
+                if any(abs(float(np.dot(d.axis, axis))) > 0.99 for d in same):
+                    continue
+                new.append((at + 1, f"{dof.name}_{'uv'[k]}", axis))
+        for at, name, axis in new:
+            added = Dof(name, "rotation", tuple(axis.tolist()), spring=LinearSpring(1.0), damping=1.0)
+            changed = replace(element, dofs=(*element.dofs[:at], added, *element.dofs[at:]))
+            elements = (*model.elements[:e], changed, *model.elements[e + 1 :])
+            out.append((added, replace(model, elements=elements)))
+    return out
+
+
+def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors perpendicular to an axis and to each other; coordinate axes where the axis is one."""
+    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = first - axis * (axis @ first)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def without(model: RobotModel, name: str) -> RobotModel:
+    """The model with a coordinate without motor stiff: left out."""
+    elements = tuple(replace(e, dofs=tuple(dof for dof in e.dofs if dof.name != name)) for e in model.elements)
+    return replace(model, elements=elements)
+
+
+def with_spring(model: RobotModel, name: str, stiffness: float, damping: float) -> RobotModel:
+    """The model with other numbers of a spring without motor."""
+    elements = tuple(
+        replace(
+            e,
+            dofs=tuple(
+                replace(d, spring=LinearSpring(stiffness), damping=damping) if d.name == name else d for d in e.dofs
+            ),
+        )
+        for e in model.elements
+    )
+    return replace(model, elements=elements)
+
+
+def with_sizes(model: RobotModel, new: str, pose: np.ndarray) -> list[RobotModel]:
+    """The model with a new spring of several stiffnesses, by the inertia that it carries at a pose (1, n_m)."""
+    local = LocalModel(with_spring(model, new, 1e12, 1e6), ())
+    M = local.matrices(local.values, pose)[0][0]
+    at = [c.name for c in model.coordinates].index(new)
+    out = []
+    for w in 2 * np.pi * np.array(FREQUENCIES):
+        stiffness = float(M[at, at] * w**2)
+        out.append(with_spring(model, new, stiffness, float(2 * DAMPING * stiffness / w)))
+    return out

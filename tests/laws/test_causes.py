@@ -1,0 +1,99 @@
+"""Causes of a misfit: a fault that is planted is named, with its size; a model that fits has none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identification_cases import exact_responses, poses_of, without_coulomb
+
+import flexgen
+from flexgen.identification import causes
+from flexgen.identification.hypotheses import masses_of, transform, with_sample_time
+from flexgen.identification.local_model import Drive
+from flexgen.identification.missing_springs import without
+from flexgen.identification.residuals import Residuals
+from flexgen.identification.result import FitStatus
+from flexgen.mechanics.parameters import select, with_values
+
+W = 2 * np.pi * np.geomspace(1.0, 120.0, 25)
+DRIVE = Drive(5e-4)
+ROBOT = without_coulomb("planar5_nmp")
+TRUTH = with_values(ROBOT, {"q1.stiffness": 3.6e5, "q2.damping": 300.0, "q3.stiffness": 1.3e5})
+
+
+def times(factor, names):
+    return with_values(TRUTH, {p.name: factor * p.value for p in select(TRUTH, names)})
+
+
+def measured(truth=TRUTH, drive=DRIVE):
+    """Responses with a noise of 0.1 %."""
+    data, rng = exact_responses(truth, poses_of(ROBOT, 3), W, drive), np.random.default_rng(1)
+    noise = rng.standard_normal((2, *data.G.shape)) / np.sqrt(2)
+    return replace(data, G=data.G + np.sqrt(data.variance) * (noise[0] + 1j * noise[1]))
+
+
+def on_channels(angles=(1.0, 1.0), torques=(1.0, 1.0)):
+    return transform(measured(), np.diag(angles), np.diag(torques))
+
+
+FAULTS = {
+    "mass of arm3 20 % larger": lambda: measured(times(1.2, ["arm3.mass"])),
+    "all masses 5 % larger": lambda: measured(times(1.05, masses_of(TRUTH))),
+    "rotor inertia of m1 10 % smaller": lambda: measured(times(0.9, ["m1.inertia"])),
+    "torques that act 0.3 ms later than stated": lambda: measured(drive=Drive(5e-4, 3e-4)),
+    "torque of m1 5 % too large in the record": lambda: on_channels(torques=(1 / 1.05, 1.0)),
+    "angle of m2 5 % too large in the record": lambda: on_channels(angles=(1.0, 1.05)),
+    "sample time 1 % longer than stated": lambda: with_sample_time(measured(), 1 / 1.01),
+    "the sign of the torque of m1": lambda: on_channels(torques=(-1.0, 1.0)),
+    "the sign of the angle of m2": lambda: on_channels(angles=(1.0, -1.0)),
+    "angles in degrees, read as radians,": lambda: on_channels(angles=(180 / np.pi, 180 / np.pi)),
+    "exchanged torques of m1 and m2": lambda: transform(measured(), np.eye(2), np.eye(2)[::-1]),
+    "exchanged angles of m1 and m2": lambda: transform(measured(), np.eye(2)[::-1], np.eye(2)),
+}
+
+
+def explained(data, model=ROBOT):
+    return flexgen.identify(model, replace(data, delay_s=0.0), free=["stiffness", "damping"], starts=1, progress=False)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_named_with_its_size(fault):
+    """The other parameters are off too; the words state the size to two digits."""
+    found = explained(FAULTS[fault]())
+    assert found.status != FitStatus.FITTED
+    assert found.causes[0].words == fault and found.causes[0].share > 0.99
+    assert f"possible cause: {found.causes[0]}" in found.to_text()
+    assert found.to_dict()["causes"][0]["words"] == fault
+
+
+def test_the_size_is_that_of_a_fit_not_of_one_step(monkeypatch):
+    """Planted: without the refit the share of 20 % of mass is the prediction of a linear step, which is wrong."""
+    found = explained(measured(times(1.2, ["arm3.mass"])))
+    assert found.causes[0].size == pytest.approx(1.2, abs=1e-3)
+    monkeypatch.setattr("flexgen.numerics.trust_region.ITERATIONS", 1)
+    forgotten = causes.explain(Residuals(found.vector, found.data), found.x)
+    assert not forgotten or forgotten[0].share < 0.99 or abs(forgotten[0].size - 1.2) > 0.01
+
+
+def test_a_missing_spring_is_named_with_its_stiffness():
+    """Also where a body is attached without any coordinate: about the axis of the spring that is not there."""
+    found = explained(measured(), without(ROBOT, "q3"))
+    assert found.causes[0].words.startswith("a missing spring arm3_z of 1.3e+05 N m/rad") and len(found.causes) == 1
+
+
+def test_a_score_is_the_decrease_of_least_squares():
+    """Against the residuals of two linear fits."""
+    rng = np.random.default_rng(3)
+    r, J, j = rng.standard_normal(40), rng.standard_normal((40, 3)), rng.standard_normal(40)
+    basis, more = np.linalg.qr(J)[0], np.column_stack([J, j])
+    left = [r - A @ np.linalg.lstsq(A, r, rcond=None)[0] for A in (J, more)]
+    assert causes.score(basis, r - basis @ (basis.T @ r), j) == pytest.approx(left[0] @ left[0] - left[1] @ left[1])
+    assert causes.score(basis, r, J[:, 0]) == 0.0
+
+
+def test_a_model_that_fits_has_no_cause():
+    found = explained(measured())
+    assert found.status == FitStatus.FITTED and found.causes == ()
+    assert "possible cause" not in found.to_text() and found.to_dict()["causes"] == []
