@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 import flexgen
+from flexgen.identification.causes.missing_springs import without
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.missing_springs import without
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import RobotModel
 

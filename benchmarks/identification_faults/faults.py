@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 import flexgen
+from flexgen.identification.causes.missing_springs import without
 from flexgen.identification.experiments.experiment import Experiment
-from flexgen.identification.missing_springs import without
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import BacklashSpring, RobotModel, SmoothSpring
 from flexgen.model.friction import Friction

@@ -17,7 +17,7 @@ import numpy as np
 
 from flexgen.counts import STARTS, count_of, show_value
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification.causes import explain
+from flexgen.identification.causes.explain import explain
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor

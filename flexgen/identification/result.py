@@ -16,7 +16,7 @@ from flexgen.counts import show_value
 from flexgen.deprecation import warn_of_old
 from flexgen.display import plain
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.identification.causes import Cause
+from flexgen.identification.causes.explain import Cause
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import (
     SENSOR_DELAY,
@@ -250,8 +250,8 @@ class IdentificationResult(Estimated):
         ``"structured"``, ``"nls"``, ``"lls"`` or ``"time domain"``.
     wall_s : float [s]
     causes : tuple of Cause
-        Faults of the model or the record of which one explains most of the misfit, the best first; see
-        `flexgen.identification.causes`. Empty where the model fits, and where no single fault explains the misfit.
+        Faults of the model or the record of which one explains most of the misfit, the best first; see the module
+        `flexgen.identification.causes.explain`. Empty where the model fits, and where no single one explains it.
 
     Examples
     --------

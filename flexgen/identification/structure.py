@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.causes.missing_springs import additions, with_sizes, without
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.graybox import identify
-from flexgen.identification.missing_springs import additions, with_sizes, without
 from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import FitStatus, IdentificationResult
 from flexgen.model.elements import RobotModel

@@ -9,10 +9,10 @@ import pytest
 from identification_cases import exact_responses, poses_of, without_coulomb
 
 import flexgen
-from flexgen.identification import causes
-from flexgen.identification.hypotheses import masses_of, transform, with_sample_time
+from flexgen.identification.causes import explain as causes
+from flexgen.identification.causes.hypotheses import masses_of, transform, with_sample_time
+from flexgen.identification.causes.missing_springs import without
 from flexgen.identification.local_model import Drive
-from flexgen.identification.missing_springs import without
 from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import FitStatus
 from flexgen.mechanics.parameters import select, with_values

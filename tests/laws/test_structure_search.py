@@ -12,7 +12,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
-from flexgen.identification.missing_springs import additions, perpendicular, with_spring, without
+from flexgen.identification.causes.missing_springs import additions, perpendicular, with_spring, without
 from flexgen.identification.structure import structure
 from flexgen.model.elements import RobotModel
 

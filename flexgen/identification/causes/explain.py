@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.causes.hypotheses import Change, Changed, Number, changes_of, extend, numbers_of
+from flexgen.identification.causes.missing_springs import additions, with_sizes
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.hypotheses import Change, Changed, Number, changes_of, extend, numbers_of
-from flexgen.identification.missing_springs import additions, with_sizes
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import Residuals, as_real, normal, stack
 from flexgen.model.elements import RobotModel

@@ -1,0 +1,1 @@
+"""Causes of a misfit: single faults of the model or of the record that explain it."""
