@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.compliance import ToolCompliance, tool_compliance
 from flexgen.analysis.linear import LinearModel, linearize, modes, poles
 from flexgen.analysis.solvability import Solvability, SolvabilityPath, solvability, solvability_path
 from flexgen.analysis.zeros import ZeroReport, motor_zeros, zero_report
@@ -34,7 +35,8 @@ class Analysis(Result):
     declared output; ``zeros_motor`` [1/s]: from motor torques to motor angles; ``structural_index`` of the inverse
     dynamics (None where outputs and motors differ in number); ``structure`` and ``structure_check``: what it follows
     from, and whether it holds at the pose; ``kunkel_mehrmann``: strangeness index, a, d, v there; ``solvability``:
-    whether and how well the inverse dynamics can be solved there, with warnings. Where a path was given also
+    whether and how well the inverse dynamics can be solved there, with warnings; ``compliance``: of the tool with held
+    motors, None where they do not hold the arm. Where a path was given also
     ``zero_path`` and ``solvability_path``, the latter None for complete motor coupling.
 
     Examples
@@ -56,6 +58,7 @@ class Analysis(Result):
     structure_check: StructureCheck
     kunkel_mehrmann: KunkelMehrmann
     solvability: Solvability
+    compliance: ToolCompliance | None
     zero_path: ZeroPath | None = None
     solvability_path: SolvabilityPath | None = None
 
@@ -110,6 +113,7 @@ class Analysis(Result):
             "structure": to_dict(self.structure, self.structure_check),
             "kunkel_mehrmann": self.kunkel_mehrmann.to_dict(),
             "solvability": self.solvability.to_dict(),
+            "compliance": None if self.compliance is None else self.compliance.to_dict(),
             "zeros_along_path": None if self.zero_path is None else self.zero_path.to_dict(),
             "solvability_along_path": None if self.solvability_path is None else self.solvability_path.to_dict(),
         }
@@ -186,6 +190,7 @@ def analyze(
         structure_check=check,
         kunkel_mehrmann=kunkel_mehrmann_at_rest(equations, equilibrium),
         solvability=solvability(equations, equilibrium, linear),
+        compliance=tool_compliance(equations, equilibrium, linear),
         zero_path=None if path is None else zero_path(equations, path, poses),
         solvability_path=solvability_path(equations, path, poses) if path is not None and simple else None,
     )

@@ -43,12 +43,17 @@ def motor_rows(model: RobotModel) -> np.ndarray:
     return C
 
 
-def lowest_locked_hz(model: RobotModel, M: np.ndarray, K: np.ndarray) -> float:
-    """Lowest natural frequency with the motors locked [Hz]; 0 where nothing is elastic then. ``M, K`` (n, n)."""
+def with_motors_locked(model: RobotModel) -> list[int]:
+    """The coordinates of ``y`` that move while the motors stand still."""
     locked = [model.n_a + k for k in range(len(model.i_m))]
     rigid = [k for k, _ in enumerate(model.i_g) if not np.any(model.eta[list(model.i_m), k])]
     locked += [model.i_g[k] for k in rigid]
-    free = [i for i in range(model.dof) if i not in locked]
+    return [i for i in range(model.dof) if i not in locked]
+
+
+def lowest_locked_hz(model: RobotModel, M: np.ndarray, K: np.ndarray) -> float:
+    """Lowest natural frequency with the motors locked [Hz]; 0 where nothing is elastic then. ``M, K`` (n, n)."""
+    free = with_motors_locked(model)
     if not free:
         return 0.0
     squares = np.linalg.eigvals(np.linalg.solve(M[np.ix_(free, free)], K[np.ix_(free, free)]))

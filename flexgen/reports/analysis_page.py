@@ -9,9 +9,16 @@ import numpy as np
 
 from flexgen.analysis.analyze import Analysis
 from flexgen.plots import along_path
+from flexgen.plots.compliance import compliance_plot
 from flexgen.reports.html import dynamics_tables, head, html_table, number
 from flexgen.reports.pictures import Picture, linear_pictures
 from flexgen.reports.result_page import write_page
+
+COMPLIANCE = (
+    "What a force at the tool displaces while the motors stand still. Upper panels: displacements by 1 N in all "
+    "directions, seen along z, y and x of the world. Lower panel: amplitude by a sinusoidal force. A feedforward "
+    "reduces it only where the force is known or measured."
+)
 
 
 def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
@@ -36,6 +43,8 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
     """
     model = analysis.model
     drawn = linear_pictures(analysis, "at this equilibrium")
+    if analysis.compliance is not None and analysis.compliance.matrix.any():
+        drawn.append(Picture("compliance", compliance_plot(analysis), COMPLIANCE))
     path = analysis.zero_path
     if path is not None and np.isfinite(path.zeros).any():
         caption = f"Zeros at the equilibrium poses along the path. {path.verdict[:1].upper()}{path.verdict[1:]}."

@@ -139,6 +139,7 @@ def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], 
             ("structural index", data["structural_index"], ""),
             ("preview required for exact tracking", data["preview_s"], "s"),
             *_dae_rows(data),
+            *_compliance_rows(data.get("compliance")),
         ]
     )
     warnings = "\n".join(paragraph(f"note: {line}") for line in (data.get("solvability") or {}).get("warnings", ()))
@@ -165,6 +166,27 @@ def _dae_rows(data: dict[str, Any]) -> list[Row]:
     if solvable.get("controllability") is not None:
         rows.append(("controllability, smallest singular value", solvable["controllability"], "relative"))
     return rows
+
+
+def _compliance_rows(data: dict[str, Any] | None) -> list[Row]:
+    """Rows of the compliance of the tool."""
+    if data is None or not any(data["principal_m_per_N"]):
+        return []
+    along = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in data["directions"][0])
+    rows: list[Row] = [
+        ("compliance of the tool with held motors", _millionths(data["principal_m_per_N"]), "um/N"),
+        ("direction of the largest, in the world", along, ""),
+        ("rotation of the tool with held motors", _millionths(data["principal_rad_per_Nm"]), "urad/(N m)"),
+    ]
+    if data["resonance_hz"] is not None:
+        largest = 1e6 * data["resonance_m_per_N"]
+        rows.append((f"compliance at {number(data['resonance_hz'])} Hz, largest of all frequencies", largest, "um/N"))
+    return rows
+
+
+def _millionths(values: Sequence[float]) -> str:
+    """Values in millionths; those that are zero but for rounding as 0."""
+    return ", ".join(number(1e6 * x) if abs(x) > 1e-9 * max(map(abs, values)) else "0" for x in values)
 
 
 def _small_row(what: str, value: float | None, unit: str) -> Row:
