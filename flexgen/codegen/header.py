@@ -253,6 +253,8 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         lines += ["", f"Run-time parameters, with the values of the model file{batches}:"]
         for k, p in enumerate(spec.parameters):
             lines.append(f"  {k} {p.name} = {p.value!r} [{p.unit}]{'; ' if p.doc else ''}{p.doc}")
+    known = f"Standard deviations of the numbers, from the model file: {', '.join(spec.accuracy)}."
+    accuracy = [known, ""] if spec.accuracy else []
     flags = "-std=c99 -O2 -ffp-contract=off"
     unrolled = "-funroll-loops makes streams and whole paths a tenth faster, and their code twice as long. "
     return [
@@ -265,6 +267,7 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
             for motor, gears, inertia in zip(spec.motors, spec.gears, spec.rotor_inertias, strict=True)
         ),
         "",
+        *accuracy,
         f"Every function takes its inputs, its outputs and, where it needs one, a workspace of {macro(spec, 'WORK')} "
         "reals, whose contents have no meaning before and after. No pointer may be null, and arrays must not "
         "overlap. It returns a status: 0, or a negative number. Where an input or a result is not finite, or a "

@@ -19,6 +19,7 @@ from flexgen.codegen.interface import DERIVATIVES, ENUMS, STRUCTS
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.mechanics.parameters import select
 from flexgen.mechanics.signatures import (
     COTANGENT,
     DIFFERENTIATED,
@@ -34,6 +35,7 @@ from flexgen.mechanics.signatures import (
     split_product,
 )
 from flexgen.model.elements import RobotModel
+from flexgen.model.tolerances import KINDS
 from flexgen.spec.ports import Port, c_name_problem, identifier_problem
 
 if TYPE_CHECKING:
@@ -147,6 +149,8 @@ class LibrarySpec:
         For each motor the coordinates it drives and the ratios: its row of ``eta``.
     rotor_inertias : tuple of float
         Of each motor, motor side [kg m^2].
+    accuracy : tuple of str
+        Standard deviations of the numbers, such as ``"q1.stiffness 3 %"``, where the model file has them.
     precision : str
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : tuple of Parameter
@@ -177,6 +181,7 @@ class LibrarySpec:
     gravity: tuple[float, ...]
     gears: tuple[tuple[tuple[str, float], ...], ...]
     rotor_inertias: tuple[float, ...]
+    accuracy: tuple[str, ...] = ()
     precision: str = "double"
     parameters: tuple[Parameter, ...] = ()
     per_point: bool = False
@@ -351,6 +356,7 @@ def library_spec(
         gravity=tuple(float(x) for x in model.gravity),
         gears=tuple(tuple((j, float(r)) for j, r in zip(m.drives, m.ratio, strict=True)) for m in model.motors),
         rotor_inertias=tuple(float(m.inertia) for m in model.motors),
+        accuracy=_accuracy(model),
         precision=precision,
         parameters=parameters,
         per_point=per_point,
@@ -359,6 +365,18 @@ def library_spec(
         kinematic_constants=kinematic_constants(model) if model.n_g >= FREE else None,
         constants=_constants(model),
     )
+
+
+def _accuracy(model: RobotModel) -> tuple[str, ...]:
+    """Standard deviations from ``[uncertainty]``; names of the model's numbers, never the text of the file."""
+    given = model.uncertainty
+    if given is None:
+        return ()
+    lines = [f"{kind} {100 * sd:.3g} %" for kind in KINDS if (sd := getattr(given, kind))]
+    lines += [f"payload {given.payload:.3g} kg"] if given.payload else []
+    spread = dict(zip(given.parameters, given.sd, strict=True))
+    named = [p.name for p in select(model, given.parameters) if p.name in spread]
+    return (*lines, *(f"{name} {100 * spread[name]:.3g} %" for name in named))
 
 
 def _sizes(model: RobotModel, functions: Sequence[str], parameters: int) -> dict[str, int]:

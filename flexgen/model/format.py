@@ -10,7 +10,7 @@ from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placeme
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
-from flexgen.model.tolerances import Tolerances
+from flexgen.model.tolerances import KINDS, Tolerances
 from flexgen.spec.keys import (
     Context,
     Format,
@@ -132,7 +132,6 @@ def _check_size(table: Table, here: Context) -> None:
 # --- the file ---------------------------------------------------------------------------------------------------------
 
 
-_KINDS = ("stiffness", "damping", "friction", "masses", "motor_inertia")
 _SD, _SPREAD = number(least=0.0, most=5.0), "standard deviation of {}, relative"
 
 
@@ -144,8 +143,8 @@ def _check_uncertainty(table: Table, here: Context) -> None:
     n, sd, rows = (here.values[x] for x in ("parameters", "sd", "correlation"))
     if len(sd) != len(n) or any(not 0.0 <= x <= 5.0 for x in sd):
         raise table.fail("sd", "a number from 0 to 5 for each of the parameters")
-    if not {*here.values["common"]} <= {*_KINDS}:
-        raise table.fail("common", f"some of {', '.join(_KINDS)}")
+    if not {*here.values["common"]} <= {*KINDS}:
+        raise table.fail("common", f"some of {', '.join(KINDS)}")
     entries = {(i, j): x for (i, j), x in zip(product(range(len(n)), repeat=2), rows, strict=False)}
     if any(x != entries[j, i] or (i == j and x != 1.0) for (i, j), x in entries.items()):
         raise table.fail("correlation", "a symmetric matrix with ones on its diagonal, row by row")
@@ -154,7 +153,7 @@ def _check_uncertainty(table: Table, here: Context) -> None:
 UNCERTAINTY = Format(
     "what is known about the accuracy of the numbers",
     (
-        *(Key(kind, _SD, _SPREAD.format(f"each {kind}"), default=0.0) for kind in _KINDS),
+        *(Key(kind, _SD, _SPREAD.format(f"each {kind}"), default=0.0) for kind in KINDS),
         Key("payload", number(least=0.0), "standard deviation of the mass of the payload", "kg", 0.0),
         Key("common", words(), "kinds whose numbers all have the same relative error", default=()),
         Key("parameters", words(), "numbers by name, in place of those of their kinds", default=()),

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+KINDS = ("stiffness", "damping", "friction", "masses", "motor_inertia")  # whose standard deviations are relative
+
 
 @dataclass(frozen=True)
 class Tolerances:

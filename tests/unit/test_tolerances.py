@@ -133,3 +133,14 @@ def test_an_identification_writes_deviations_relative_to_the_values():
     # a center of mass that is negative: a larger number is a smaller relative error
     assert correlation[at("q1.stiffness"), at("fore.com_x")] == pytest.approx(-0.001 / np.hypot(0.001, 0.004), rel=1e-6)
     assert {p.name for p in select(model, names)} == set(names)
+
+
+def test_the_header_states_the_deviations(tmp_path):
+    """Also where the folder has the library of the same robot without a table."""
+    flexgen.generate("elbow", tmp_path, functions=["gravity"])
+    assert "Standard deviations" not in (tmp_path / "elbow.h").read_text()
+    table = {"parameters": ["q2.stiffness"], "sd": [0.004]}
+    flexgen.generate(elbow(damping=0.3, payload=0.5, **table), tmp_path, functions=["gravity"])
+    assert "damping 30 %, payload 0.5 kg, q2.stiffness 0.4 %." in (tmp_path / "elbow.h").read_text()
+    with pytest.raises(flexgen.FlexgenError, match="given 'q2 \\*/'"):
+        flexgen.generate(elbow(parameters=["q2 */"], sd=[0.1]), tmp_path, functions=["gravity"])
