@@ -15,7 +15,7 @@ import numpy as np
 
 from flexgen.calibration.components import Tilt, find_tilt, seen_others, tilt_slopes, whitening_of
 from flexgen.calibration.fit import CalibrationFit, Problem, fit
-from flexgen.calibration.frames import start_frames
+from flexgen.calibration.mistakes import find_start
 from flexgen.calibration.parameters import GROUPS, Priors, Unknown, trackers_of, unknowns_of
 from flexgen.calibration.poses import StaticPoses
 from flexgen.calibration.result import Calibration
@@ -78,7 +78,7 @@ def calibrate(
     Raises
     ------
     ArgumentError
-        The poses do not belong to the model, or a name is unknown.
+        The poses do not belong to the model, for instance with wrong units or signs; or a name is unknown.
     ModelError
         The model has a beam, or a spring that is not linear.
     SolverError
@@ -103,9 +103,7 @@ def calibrate(
     _check(robot, data, len(trackers), folds)
     unknowns = unknowns_of(tree, free, place, priors or Priors())
     study = _Study(Statics(tree, data.commands), data.positions, unknowns, robust)
-    if tell:
-        tell("frame of the measurement, trackers and unknown places")
-    found = start_frames(study.statics, data.positions, place)
+    found = find_start(study.statics, data, place, tell)
     frames = unknowns_of(tree, (), place, priors or Priors())
     known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
     before = fit(Problem(study.statics, data.positions, frames, robust), np.array(list(known.values())))

@@ -24,6 +24,7 @@ TUNING = 2.5  # k of Huber's function: 2.5 standard deviations of one axis
 MEDIAN_LENGTH = 1.538172  # of a vector of three unit Gaussians
 STEPS = 40
 SMALL_GAIN = 2e-5  # of the objective, as a part: where the search ends
+LEAST_GAIN = 1e-6  # in squares of standard deviations, where the errors are zero but for rounding
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
 SHARPEST = 1e-6  # m: least scale, also where the poses are simulated without noise
 FLAT = 1e-12  # part of the curvature along a number that directions without any information get
@@ -167,7 +168,7 @@ def fit(
             converged = True  # no step along the slope lowers the objective: rounding
             break
         x, (rest, gap, lengths), damping = there, trial, max(damping / 10.0, LEAST_DAMPING)
-        if before - after < SMALL_GAIN * before:
+        if before - after < SMALL_GAIN * before + LEAST_GAIN:
             converged = True
             break
     return _accuracy(problem, x, rest, gap, lengths, converged)

@@ -62,6 +62,11 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
     return _search(statics, measured, placed, best[1])[1]
 
 
+def rigid_errors(statics: Statics, measured: np.ndarray, numbers: Numbers) -> np.ndarray:
+    """Distances (N, k) [m] of the trackers of a rigid robot from where they were measured; nan where they were not."""
+    return np.asarray(np.linalg.norm(statics.rest(numbers, rigid=True).measured - measured, axis=2))
+
+
 def _search(
     statics: Statics, measured: np.ndarray, placed: Sequence[str], numbers: Numbers, rounds: int = ROUNDS
 ) -> tuple[float, Numbers]:

@@ -123,7 +123,11 @@ class Statics:
 
     def among(self, rows: np.ndarray) -> Statics:
         """The same for some of the poses."""
-        return Statics(self.tree, self.commands[rows])
+        return self.with_commands(self.commands[rows])
+
+    def with_commands(self, commands: np.ndarray) -> Statics:
+        """The same for other poses."""
+        return Statics(self.tree, commands)
 
     def rest(self, numbers: Numbers, start: np.ndarray | None = None, *, rigid: bool = False) -> Rest:
         """The robot at rest under gravity; Newton's method starts from the deflections ``start`` (N, n_E).

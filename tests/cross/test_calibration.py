@@ -258,6 +258,37 @@ def test_bad_calls_are_refused() -> None:
         flexgen.calibrate(flexgen.read("kr300", "backlash", overrides={"sensor": TRACKERS[:1]}), data)
 
 
+MISTAKES = {
+    "joints in degrees, read as radians": lambda q, y: (np.rad2deg(q), y),
+    "positions in mm, read as m": lambda q, y: (q, 1e3 * y),
+    "positions in a left-handed frame": lambda q, y: (q, y * [1.0, -1.0, 1.0]),
+    "the sign of q2": lambda q, y: (q * [1, -1, 1, 1, 1, 1], y),
+    "exchanged columns of q1 and q2": lambda q, y: (q[:, [1, 0, 2, 3, 4, 5]], y),
+    "exchanged trackers flange and elbow": lambda q, y: (q, y[:, ::-1]),
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_in_the_poses_is_named(words: str) -> None:
+    """Of a robot with other zeros, lengths and springs, which is calibrated without the mistake."""
+    tree, unknowns, x = drawn(arm(), ("zeros", "placements"), Priors())
+    q = commands(40)
+    y = Statics(tree, q).rest(Numbers.of(tree, unknowns, x)).measured
+    with pytest.raises(ArgumentError, match=f"poses of manutec_r3_18: probably {words}"):
+        flexgen.calibrate(arm(), flexgen.StaticPoses(*MISTAKES[words](q, y)), folds=0)
+
+
+def test_poses_of_nothing_are_refused() -> None:
+    """Random positions: no single mistake explains them, and a robot that is only wrong by 0.2 rad is not refused."""
+    q = commands(40)
+    y = np.random.default_rng(5).normal(size=(40, 2, 3))
+    with pytest.raises(ArgumentError, match="check units, signs and the order of the columns"):
+        flexgen.calibrate(arm(), flexgen.StaticPoses(q, y), folds=0)
+    moved = flexgen.tracker_positions(arm(), q + 0.2)
+    found = flexgen.calibrate(arm(), flexgen.StaticPoses(q, moved), free=["zeros"], folds=0)
+    assert found.errors.max() < 1e-2
+
+
 def test_positions_that_were_not_seen_do_not_count() -> None:
     """Half of the positions of a tracker missing: the parameters are found; the errors there are nan."""
     tree, unknowns, x = drawn(arm(), ("zeros",), Priors())

@@ -1,0 +1,100 @@
+"""Mistakes in a file of poses: units, signs, columns. Such poses are refused, with the mistake that explains them.
+
+A rigid robot, with the frame and the trackers fitted in closed form, explains most of the motion of its trackers: the
+median error of each is a small part of the median distance from its mean. Where it is not, each single mistake is
+undone in turn. Poses are refused where this leaves much less of the error, or most of the motion is not explained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from flexgen.calibration.frames import ENOUGH, rigid_errors, start_frames
+from flexgen.calibration.parameters import trackers_of
+from flexgen.calibration.poses import StaticPoses
+from flexgen.calibration.statics import Numbers, Statics
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import RobotModel
+
+DOUBTFUL, UNEXPLAINED = 0.1, 0.5  # parts of the scatter from which on mistakes are tried, and poses refused
+NAMED = 1 / 3  # most of the error that is left where a mistake is named
+
+
+def find_start(
+    statics: Statics, data: StaticPoses, place: Sequence[str], progress: Callable[[str], None] | None = None
+) -> Numbers:
+    """The numbers of `start_frames`; poses that a robot with them does not explain are refused.
+
+    Raises
+    ------
+    ArgumentError
+        A single mistake explains the errors, which the text names; or most of the motion is not explained.
+    """
+    if progress is not None:
+        progress("frame of the measurement, trackers and unknown places")
+    start = start_frames(statics, data.positions, place)
+    error, scatter = _agreement(statics, data.positions, start)
+    if error <= DOUBTFUL * scatter:
+        return start
+    if progress is not None:
+        progress(f"{100 * error / scatter:.0f} % of the motion is not explained: searching for a mistake in the poses")
+    left = []
+    for words, wrong in _mistakes(statics.model, data):
+        part = statics.with_commands(wrong.commands)
+        found = _agreement(part, wrong.positions, start_frames(part, wrong.positions, place))
+        left.append((found[0] / max(found[1], 1e-300), words))
+    least, words = min(left)
+    named = least < NAMED * error / scatter
+    if not named and error <= UNEXPLAINED * scatter:
+        return start
+    advice = f"probably {words}" if named else "check units, signs and the order of the columns"
+    raise ArgumentError(
+        f"{data.source or 'poses'}: given positions that scatter by {scatter:.3g} m, of which the model leaves "
+        f"{error:.3g} m unexplained, expected poses of {statics.model.name}: {advice}"
+    )
+
+
+def _agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tuple[float, float]:
+    """Medians [m] of the errors of a rigid robot, and of the distances from their mean, of the worst tracker."""
+    error = np.nanmedian(rigid_errors(statics, measured, numbers), axis=0)
+    distance = np.nanmedian(np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2), axis=0)
+    worst = np.argmax(error / np.maximum(distance, 1e-300))
+    return float(error[worst]), float(distance[worst])
+
+
+def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, StaticPoses]]:
+    """Single mistakes in words, and some of the poses without them."""
+    step = max(1, len(data) // ENOUGH)
+    some = StaticPoses(data.commands[::step], data.positions[::step])
+    joints = [c for c in model.coordinates if c.actuated]
+    trackers = [sensor.name for sensor in trackers_of(model)]
+    turns = np.array([c.unit == "rad" for c in joints])
+    for words, factor in (("degrees, read as radians", np.pi / 180), ("radians, read as degrees", 180 / np.pi)):
+        yield f"joints in {words}", replace(some, commands=some.commands * np.where(turns, factor, 1.0))
+    for words, factor in (("mm, read as m", 1e-3), ("m, read as mm", 1e3)):
+        yield f"positions in {words}", replace(some, positions=some.positions * factor)
+    yield "positions in a left-handed frame", replace(some, positions=some.positions * [-1.0, 1.0, 1.0])
+    for k, joint in enumerate(joints):
+        signs = np.where(np.arange(len(joints)) == k, -1.0, 1.0)
+        yield f"the sign of {joint.name}", replace(some, commands=some.commands * signs)
+    for i, j in combinations(range(len(joints)), 2):
+        if joints[i].unit == joints[j].unit:
+            order = _exchanged(len(joints), i, j)
+            yield (
+                f"exchanged columns of {joints[i].name} and {joints[j].name}",
+                replace(some, commands=some.commands[:, order]),
+            )
+    for i, j in combinations(range(len(trackers)), 2):
+        order = _exchanged(len(trackers), i, j)
+        yield f"exchanged trackers {trackers[i]} and {trackers[j]}", replace(some, positions=some.positions[:, order])
+
+
+def _exchanged(count: int, i: int, j: int) -> list[int]:
+    """The numbers below ``count`` with two of them exchanged."""
+    order = list(range(count))
+    order[i], order[j] = j, i
+    return order
