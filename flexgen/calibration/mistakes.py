@@ -83,17 +83,17 @@ def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, Stati
         yield f"the sign of {joint.name}", replace(some, commands=some.commands * signs)
     for i, j in combinations(range(len(joints)), 2):
         if joints[i].unit == joints[j].unit:
-            order = _exchanged(len(joints), i, j)
+            order = _exchange(len(joints), i, j)
             yield (
                 f"exchanged columns of {joints[i].name} and {joints[j].name}",
                 replace(some, commands=some.commands[:, order]),
             )
     for i, j in combinations(range(len(trackers)), 2):
-        order = _exchanged(len(trackers), i, j)
+        order = _exchange(len(trackers), i, j)
         yield f"exchanged trackers {trackers[i]} and {trackers[j]}", replace(some, positions=some.positions[:, order])
 
 
-def _exchanged(count: int, i: int, j: int) -> list[int]:
+def _exchange(count: int, i: int, j: int) -> list[int]:
     """The numbers below ``count`` with two of them exchanged."""
     order = list(range(count))
     order[i], order[j] = j, i
