@@ -122,7 +122,7 @@ BAD = [
     ({"type": "gyro", "element": "tool", "unit": "m/s^2"}, "sensor.s.unit"),
     ({"type": "link_encoder", "unit": "rad"}, "sensor.s.coordinate"),
     ({"type": "link_encoder", "coordinate": "q1", "unit": "m"}, "sensor.s.unit"),
-    ({"type": "tracker", "unit": "m", "element": "tool"}, "sensor.s.element"),
+    ({"type": "tracker", "unit": "m", "element": "no"}, "sensor.s.element"),
     ({"type": "tracker", "unit": "m", "axes": []}, "sensor.s.axes"),
     ({"type": "tracker", "unit": "m", "axes": ["x", "x"]}, "sensor.s.axes"),
     ({"type": "tracker", "unit": "m", "axes": [[0, 0, 0]]}, "sensor.s.axes"),

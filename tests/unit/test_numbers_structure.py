@@ -13,8 +13,9 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification import missing_springs, time_domain, verdict
 from flexgen.identification import structure as searched
+from flexgen.identification import time_domain, verdict
+from flexgen.identification.causes import missing_springs
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus, IdentificationResult
