@@ -55,7 +55,10 @@ class StaticPoses:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        commands, positions = (np.array(x, dtype=float) for x in (self.commands, self.positions))
+        try:
+            commands, positions = (np.array(x, dtype=float) for x in (self.commands, self.positions))
+        except (TypeError, ValueError) as error:
+            raise ArgumentError(f"poses: {error}; expected arrays of numbers (N, n_g) and (N, k, 3)") from None
         object.__setattr__(self, "commands", commands)
         object.__setattr__(self, "positions", positions)
         if commands.ndim != 2 or positions.ndim != 3 or positions.shape[2] != 3 or len(commands) != len(positions):

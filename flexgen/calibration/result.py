@@ -118,10 +118,10 @@ class Calibration(Result):
     @property
     def changes(self) -> dict[str, Any]:
         """Keys of the model file with their new values."""
-        return changes_of(self.nominal, self.numbers)
+        return changes_of(self.nominal, self._numbers)
 
     @property
-    def numbers(self) -> Numbers:
+    def _numbers(self) -> Numbers:
         """All numbers of the calibrated tree."""
         return Numbers.of(Tree(self.nominal), self.unknowns, self.x)
 
@@ -147,7 +147,7 @@ class Calibration(Result):
 
     def predict(self, commands: np.ndarray) -> np.ndarray:
         """Positions (N, k, 3) [m] of the trackers in the frame of the measurement, at commands (N, n_g) [rad or m]."""
-        return Statics(Tree(self.nominal), np.asarray(commands, dtype=float)).rest(self.numbers).measured
+        return Statics(Tree(self.nominal), np.asarray(commands, dtype=float)).rest(self._numbers).measured
 
     def propose_poses(self, count: int, candidates: np.ndarray | None = None, seed: int = 0) -> np.ndarray:
         """Commands (count, n_g) of the poses whose measurement tells most: the least determinant of the covariance.
@@ -171,7 +171,7 @@ class Calibration(Result):
             candidates = np.random.default_rng(seed).uniform(low, high, (max(CANDIDATES, 3 * count), len(low)))
         if not 0 < count <= len(candidates):
             raise ArgumentError(f"count: given {count}, expected 1 to {len(candidates)}, the number of candidates")
-        statics, numbers = Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)), self.numbers
+        statics, numbers = Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)), self._numbers
         J = statics.slopes(numbers, statics.rest(numbers), self.unknowns).reshape(len(candidates), -1, len(self.x))
         J = J / max(float(np.nanmedian(self.errors)), 1e-9)
         covariance = self.covariance.copy()
@@ -209,7 +209,7 @@ class Calibration(Result):
         """
         if world not in ("robot", "measurement"):
             raise ArgumentError(f"world: given {world!r}, expected 'robot' or 'measurement'")
-        changes = changes_of(self.nominal, self.numbers, self.frame if world == "measurement" else None)
+        changes = changes_of(self.nominal, self._numbers, self.frame if world == "measurement" else None)
         text = variant_text(self.nominal, changes, f"{self.poses.source}: {self.sentence}")
         target = Path(path)
         if target.suffix != ".toml":

@@ -19,7 +19,6 @@ from flexgen.codegen.interface import DERIVATIVES, ENUMS, STRUCTS
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.mechanics.parameters import select
 from flexgen.mechanics.signatures import (
     COTANGENT,
     DIFFERENTIATED,
@@ -372,6 +371,8 @@ def _accuracy(model: RobotModel) -> tuple[str, ...]:
     given = model.uncertainty
     if given is None:
         return ()
+    from flexgen.mechanics.parameters import select  # loads CasADi, which a library that exists does not need
+
     lines = [f"{kind} {100 * sd:.3g} %" for kind in KINDS if (sd := getattr(given, kind))]
     lines += [f"payload {given.payload:.3g} kg"] if given.payload else []
     spread = dict(zip(given.parameters, given.sd, strict=True))

@@ -28,6 +28,7 @@ from flexgen.identification.average_names import AverageName
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.experiments.spectra import without_transients
 from flexgen.identification.outputs import ANGLE
+from flexgen.numerics.records import TRANSIENT, first_period_excess
 from flexgen.results import ArrayResult
 from flexgen.type_checks import checked_result, checked_types
 
@@ -235,7 +236,7 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
             "closed loop, bias the responses: prefer a periodic excitation",
         )
     elif not transients:
-        warnings = _check_repeats(Y[..., :n, :], experiment.source)
+        warnings = (*_check_repeats(Y[..., :n, :], experiment.source), *_check_transients(U, plan.motors))
     if experiment.lines_by_torque:
         warnings = (*warnings, _torque_lines(plan.lines))
     noise = None
@@ -401,8 +402,7 @@ def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
 
     Compared by the size of all lines together, so that noise of single lines averages out.
     """
-    P = Y.shape[2]
-    if P < 3:
+    if Y.shape[2] < 3:
         return ()
     away = Y - np.median(Y.real, axis=2, keepdims=True) - 1j * np.median(Y.imag, axis=2, keepdims=True)
     size = np.sqrt((np.abs(away) ** 2).sum(axis=(3, 4)))  # (k, realizations, periods, experiments)
@@ -419,6 +419,17 @@ def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
             raise ArgumentError(f"{source}: {line}; leave out more transient periods, or look for lost samples")
         warnings.append(line)
     return tuple(warnings)
+
+
+def _check_transients(U: np.ndarray, motors: tuple[str, ...]) -> tuple[str, ...]:
+    """A warning where a transient is in the first period; ``U``: spectra as of `_inputs_outputs`."""
+    excess = first_period_excess(np.moveaxis(U, 5, 2))
+    if excess.max() == 1.0:
+        return ()
+    return (
+        f"{TRANSIENT}: the first periods of the torque of {motors[int(excess.argmax())]} differ by {excess.max():.2g} "
+        "times the power of later ones; leave out more transient periods, or remove it (transients=True, --transients)",
+    )
 
 
 def coherence(experiment: Experiment) -> np.ndarray:

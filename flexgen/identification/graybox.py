@@ -25,6 +25,7 @@ from flexgen.identification.residuals import RESIDUALS, ResidualName, Residuals,
 from flexgen.identification.result import WEAK, FitStatus, IdentificationResult, with_coulomb
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
+from flexgen.numerics.records import TRANSIENT
 from flexgen.numerics.trust_region import Fit, minimize
 from flexgen.progress import Choice, reported
 from flexgen.spec.arguments import is_number
@@ -160,7 +161,7 @@ def _fit(
         agreed=agreed,
         iterations=best.iterations,
         at_bound=tuple(name for name, held in zip(vector.names, best.at_bound, strict=True) if held),
-        weak=(*weak_directions(vector, best.A), *_report_hidden(vector)),
+        weak=(*weak_directions(vector, best.A), *_report_hidden(vector, data)),
         data=data,
         variance=residuals.variance,
         deflection_sd=residuals.deflection_sd,
@@ -269,7 +270,7 @@ def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
         return FitStatus.NOT_CONVERGED
     if fit.at_bound.any():
         return FitStatus.AT_BOUND
-    if error > SMALL_ERROR or cost > COST_MOST:
+    if error > SMALL_ERROR or cost > COST_MOST or any(TRANSIENT in line for line in data.warnings):
         return FitStatus.MODEL_ERROR
     # Responses without noise fit better than any noise allows, and rightly.
     if cost < COST_LEAST and data.relative_sd() > 1e-7:
@@ -277,15 +278,15 @@ def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
     return FitStatus.FITTED
 
 
-def _report_hidden(vector: ParameterVector) -> tuple[str, ...]:
-    """A sentence on viscous frictions of joints that have Coulomb friction."""
-    names = [name for name in with_coulomb(vector.model) if name in vector.names]
-    if not names:
-        return ()
-    return (
-        f"frequency responses do not tell {', '.join(names)} from Coulomb friction: the values of the file are kept; "
-        "refine with the experiment",
-    )
+def _report_hidden(vector: ParameterVector, data: Frf) -> tuple[str, ...]:
+    """Sentences on a transient in the data, and on viscous frictions of joints that have Coulomb friction."""
+    found = [line for line in data.warnings if TRANSIENT in line]
+    if names := [name for name in with_coulomb(vector.model) if name in vector.names]:
+        found.append(
+            f"frequency responses do not tell {', '.join(names)} from Coulomb friction: the values of the file are "
+            "kept; refine with the experiment"
+        )
+    return tuple(found)
 
 
 def weak_directions(vector: ParameterVector, A: np.ndarray) -> tuple[str, ...]:

@@ -202,7 +202,7 @@ def test_proposed_poses_tell_more_than_random_ones() -> None:
 
     def gain(q: np.ndarray) -> float:
         statics = Statics(Tree(arm()), q)
-        J = statics.slopes(found.numbers, statics.rest(found.numbers), found.unknowns).reshape(-1, len(found.x))
+        J = statics.slopes(found._numbers, statics.rest(found._numbers), found.unknowns).reshape(-1, len(found.x))
         J = J / np.nanmedian(found.errors)
         return float(np.linalg.slogdet(np.eye(len(J)) + J @ found.covariance @ J.T)[1])
 

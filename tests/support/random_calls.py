@@ -95,8 +95,18 @@ def more_objects(folder: Path) -> dict[type, Any]:
         *(flexgen.score("four_mass", steps=1, **quiet), flexgen.fastest("elbow", **quiet)),
         *(flexgen.ExtendedKalmanFilter(robot), flexgen.ConstantGainObserver(known[flexgen.Solution])),
         flexgen.CollisionDetector(robot, 1e-3),
+        flexgen.predict(flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}}), robots=16, **quiet),
+        calibrated(),
     ]
     return known | {type(thing): thing for thing in objects}
+
+
+def calibrated() -> flexgen.Calibration:
+    """Of 20 poses of a robot with a tracker."""
+    tracker = {"name": "p", "type": "tracker", "unit": "m", "position": [0.1, 0.0, 0.0]}
+    robot, q = flexgen.read("elbow", overrides={"sensor": [tracker]}), np.random.default_rng(0).uniform(-1, 1, (20, 2))
+    seen = flexgen.tracker_positions(robot, q)
+    return flexgen.calibrate(robot, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0, progress=False)
 
 
 def callables(objects: dict[type, Any]) -> list[Entrance]:

@@ -46,6 +46,17 @@ pose_rad = [0.0]
 """
 
 
+def hold(count: int, burst: int) -> np.ndarray:
+    """Indices of 1000 samples of which some, in bursts, are the one before."""
+    kept = np.arange(1000)
+    for first in np.random.default_rng(7).integers(1, 1000 - burst, count):
+        kept[first : first + burst] = first - 1
+    return kept
+
+
+HELD = hold(10, 5)
+
+
 def written(folder: Path, text: str = TEXT, **changes: np.ndarray) -> Path:
     """The description, the model and the recording in a folder."""
     (folder / "bench.toml").write_text(BENCH.read_text())
@@ -94,6 +105,10 @@ def test_units_and_sides_are_converted(tmp_path):
         ({"angle": 0 * ANGLE + 1}, r"angle of motor m1 \('angle'\): the same value"),
         ({"current": np.clip(TORQUE, -0.9, 0.9)}, r"at its limit of 0\.45 N m at t = .*: excite less"),
         ({"angle": np.where(TIME > 0.3, ANGLE + 6.28, ANGLE)}, r"jumps by 6\.\d+ rad at t = 0\.3 s: the encoder wraps"),
+        (
+            {"angle": ANGLE[HELD]},
+            r"m1 .*: stands still and jumps \d+ times, first at t = 0\.\d+ s: samples are lost",
+        ),
         ({"angle": ANGLE[:900]}, "given 900 samples, expected 1000"),
         ({"angle": np.ones((1000, 2))}, r"channel 'angle': given shape \(1000, 2\), expected numbers"),
     ],

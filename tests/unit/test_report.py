@@ -301,7 +301,7 @@ def test_machines_without_extent_show_their_output():
 def test_analysis_is_written(tmp_path):
     analysis = flexgen.analyze("planar5_nmp", path=flexgen.plan("planar5_nmp"))
     path = analysis.report(tmp_path / "a")
-    names = ["pole_zero_map", "frequency_response", "zeros_along"]
+    names = ["pole_zero_map", "frequency_response", "compliance", "zeros_along"]
     files = {f"{name}.{end}" for name in names for end in ("svg", "png")}
     assert {f.name for f in path.parent.iterdir()} == {"index.html", *files} and path.name == "index.html"
     assert all(f.stat().st_size > 5000 for f in path.parent.iterdir())

@@ -68,6 +68,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.model.sensors import UNITS
 from flexgen.npz_files import NpzError, read_npz
+from flexgen.numerics.records import lost_samples
 from flexgen.spec.tables import Table, parse_file
 
 KEYS = (
@@ -80,6 +81,7 @@ TORQUE_UNITS = {"N m": 1.0, "A": 1.0}
 SIDES = ("motor", "arm")
 JITTER = 0.05  # of a sample time: larger differences are lost samples
 WRAP = 1.0  # rad: a larger step between two samples, and far larger than all others, is an encoder that wraps
+REPEATED = 0.005  # of the samples: jumps after repeated ones from which on a recording is refused; a real arm has 0.003
 CLIPPED = 3  # equal samples in a row at the largest torque
 SIZE_MAX = 2_000_000_000  # bytes of a file
 
@@ -311,6 +313,11 @@ class Recording:
                 if steps[k] > WRAP and steps[k] > 50 * np.partition(steps, -10)[-10]:
                     raise ArgumentError(
                         f"{where}: jumps by {steps[k]:.3g} rad at t = {self.t[k]:.6g} s: the encoder wraps; unwrap it"
+                    )
+                if len(lost := lost_samples(column)) > REPEATED * len(column):
+                    raise ArgumentError(
+                        f"{where}: stands still and jumps {len(lost)} times, first at t = {self.t[lost[0]]:.6g} s: "
+                        "samples are lost; record again, or take a part without gaps"
                     )
                 continue
             if kind == "signal":

@@ -1,0 +1,48 @@
+"""What records say about themselves: samples that were lost, and transients that have not decayed.
+
+A transient is in the first period more than in the later ones, noise is in all alike: with the spectra ``X_p`` of the
+periods, ``E_p = sum |X_{p+1} - X_p|^2`` is the same for all p up to its scatter, and ``E_1`` larger with a transient.
+
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 2.5 (transients of periodic signals).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+FINE = 100  # least steps, over the resolution, in which one repeated sample is seen; in coarser ones a number of them
+COARSE = 4
+TRANSIENT = "a transient remains"  # the words of a warning that withholds intervals
+SURE = 6.0  # standard deviations of a ratio of powers
+SMALLEST = 1e-4  # transient over signal
+
+
+def lost_samples(x: np.ndarray) -> np.ndarray:
+    """Where samples of ``x`` (n,) repeat the one before and a jump makes up for it.
+
+    Once where the steps are far above the resolution, else `COARSE` times. An axis that stands still and starts has no
+    such jump.
+    """
+    steps = np.abs(np.diff(x))
+    least = float(steps[steps > 0].min())
+    still = 1 if np.median(steps) > FINE * least else COARSE
+    run = np.asarray(np.lib.stride_tricks.sliding_window_view(steps == 0, still).all(axis=1))[:-2]
+    jump, after = steps[still:-1], steps[still + 1 :]
+    return np.asarray(np.flatnonzero(run & (jump >= 5 * least) & (jump > 1.5 * after)))
+
+
+def first_period_excess(X: np.ndarray) -> np.ndarray:
+    """``E_1`` over the mean of the others, per channel (c,); 1 where it can be scatter or is below `SMALLEST`.
+
+    ``X`` (..., periods, lines, c): complex spectra of records. With fewer than three periods all are 1.
+    """
+    X = X.reshape(-1, *X.shape[-3:])
+    if X.shape[1] < 3:
+        return np.ones(X.shape[-1])
+    power = np.abs(np.diff(X, axis=1)) ** 2
+    later = power[:, 1:].mean(axis=(0, 1))  # (lines, c)
+    each = later.sum(axis=0)
+    count = 2 * len(X) * each**2 / np.maximum((later**2).sum(axis=0), 1e-300)  # real numbers of the same power
+    ratio = power[:, 0].mean(axis=0).sum(axis=0) / np.maximum(each, 1e-300)
+    large = power[:, 0].mean(axis=(0, 1)) > SMALLEST**2 * (np.abs(X) ** 2).mean(axis=(0, 1, 2))
+    return np.asarray(np.where((ratio > 1 + SURE * np.sqrt(4 / np.maximum(count, 1))) & large, ratio, 1.0))
