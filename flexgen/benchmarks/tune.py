@@ -33,6 +33,7 @@ from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
 from flexgen.spec.arguments import seed_of
+from flexgen.spec.toml_text import toml
 from flexgen.type_checks import checked_result, checked_types
 
 REFUSED = 10.0  # value of a refused controller, and more for every reason
@@ -258,7 +259,7 @@ def cascade_table(cascade: Cascade | Linear, description: str) -> str:
     def row(values: Any) -> str:
         return "[" + ", ".join(repr(float(x)) for x in values) + "]"
 
-    lines = [f"description = {_quote(description)}"]
+    lines = [f"description = {toml(description)}"]
     if isinstance(cascade, Linear):
         lines.append('type = "linear"')
         for name, x in zip("ABCD", cascade.matrices, strict=True):
@@ -271,7 +272,3 @@ def cascade_table(cascade: Cascade | Linear, description: str) -> str:
         lines += ["", "[[low_pass]]" if isinstance(f, LowPass) else "[[notch]]"]
         lines += [f"{name} = {getattr(f, name)!r}" for name in f.__dataclass_fields__]
     return "\n".join(lines) + "\n"
-
-
-def _quote(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -17,6 +17,7 @@ from flexgen.calibration.statics import Numbers, frame_rotation
 from flexgen.calibration.tree import SHIFTS, Tree, rotations
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import Dof, Element, Placement, RobotModel
+from flexgen.spec.toml_text import toml
 
 VARIANT = "calibrated"
 
@@ -132,22 +133,9 @@ def variant_text(model: RobotModel, changes: dict[str, Any], source: str) -> str
             f"write: given {given}, expected a model without variant of a .toml file that has no variant {VARIANT!r}; "
             "the numbers are in the values of the result and in --json"
         )
-    head = f"[variant.{VARIANT}]\ndescription = {_quote(' '.join(source.split())[:300])}\n"
-    rows = "".join(f"{_quote(key)} = {_toml(value)}\n" for key, value in changes.items())
+    head = f"[variant.{VARIANT}]\ndescription = {toml(' '.join(source.split())[:300])}\n"
+    rows = "".join(f"{toml(key)} = {toml(value)}\n" for key, value in changes.items())
     return f"{file.read_text(encoding='utf-8').rstrip()}\n\n{head}\n[variant.{VARIANT}.set]\n{rows}"
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
-    return f"[{', '.join(map(repr, value))}]" if isinstance(value, list) else repr(value)
-
-
-def _quote(text: str) -> str:
-    """A text as a TOML string."""
-    kept = "".join(x if x.isprintable() and x not in '"\\' else "?" for x in text)
-    return f'"{kept}"'
 
 
 def _pose(placement: Placement) -> dict[str, Any]:

@@ -1,8 +1,7 @@
-"""Data classes of a robot as tables of a model file, and their text in TOML."""
+"""Data classes of a robot as tables of a model file."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,25 +9,11 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ModelError
-from flexgen.exports.xml_text import numbers
 from flexgen.model.elements import RobotModel
 from flexgen.model.format_devices import SENSOR
 from flexgen.model.format_tasks import OUTPUT
 from flexgen.model.sensors import TOOL, Sensor
 from flexgen.spec.schema import write
-
-
-def toml(value: Any) -> str:
-    """A value in TOML, tables and lists in one line."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    return numbers(value)
 
 
 def beam_or_drag(model: RobotModel) -> None:

@@ -25,7 +25,7 @@ import numpy as np
 from flexgen.atomic_files import follow_links, staging_folder, unwritable, write_text
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports.exported import Exported, exported
-from flexgen.exports.overlay_tables import beam_or_drag, output_table, sensor_table, toml
+from flexgen.exports.overlay_tables import beam_or_drag, output_table, sensor_table
 from flexgen.exports.poses import roll_pitch_yaw
 from flexgen.exports.xml_text import add, document
 from flexgen.model.elements import Body, Dof, Element, RobotModel
@@ -37,6 +37,7 @@ from flexgen.model.urdf_source import source_files
 from flexgen.spec.ports import identifier_problem
 from flexgen.spec.schema import write
 from flexgen.spec.tables import show
+from flexgen.spec.toml_text import toml
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from xml.etree import ElementTree
 
 import numpy as np
 
+from flexgen.spec.toml_text import exact
+
 
 def numbers(values: float | Iterable[float] | np.ndarray) -> str:
     """Numbers that are read back without loss; whole numbers without a decimal point."""
-    out = []
-    for value in np.ravel(np.asarray(values, dtype=float)).tolist():
-        whole = math.isfinite(value) and value == int(value) and abs(value) < 1e15
-        out.append(str(int(value)) if whole else repr(value))
-    return " ".join(out)
+    return " ".join(map(exact, np.ravel(np.asarray(values, dtype=float)).tolist()))
 
 
 def add(
