@@ -635,6 +635,9 @@ static inline int zero_dynamics_at(
     for (int i = 0; i < REFERENCE; ++i) {
         reference[i] = i < NT ? target[i] : 0.0;
     }
+#if MODEL_FORCE
+    copy(FORCE_OF(space), NY, reference + NT + 2 * NY);
+#endif /* MODEL_FORCE */
     for (int l = 0; l < POINTS; ++l) {
         load_reference(arm, l, reference);
         for (int i = 0; i < NA; ++i) {
@@ -713,6 +716,9 @@ static int set_boundary_rows(
     for (int i = 0; i < NG; ++i) {
         end[i_g[i]] = q_g[i];
     }
+#if MODEL_FORCE
+    keep_force(p, p->n - 1, space);
+#endif /* MODEL_FORCE */
     status = equilibrium_at(target, end, scale, space);
     if (status == MODEL_OK) {
         status = zero_dynamics_at(target, end, &w->lq.arm, space, &at);
@@ -783,6 +789,9 @@ static model_status solve_path(const model_samples *p, PARAMETERS_ARGUMENT const
     w = (bvp_space *)(void *)(work + own.blocks);
     b->m = mesh_in(&l, p, options, work);
     report->intervals = b->m.N;
+#if MODEL_FORCE
+    keep_force(p, 0, work + l.space);
+#endif /* MODEL_FORCE */
     status = equilibrium_at(p->y, q, b->m.scale, work + l.space);
     if (status == MODEL_OK) {
         status = guess_mesh(&b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm, work + l.space);

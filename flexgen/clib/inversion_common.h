@@ -17,7 +17,12 @@ enum {
     PARAMETERS = MODEL_PARAMETERS, /* run-time parameters */
     POINTS = BLOCK,
     STAGES = 3,
+#if MODEL_FORCE
+    FORCES = 3 * NY, /* force on the output, dual to dy, and its first two time derivatives */
+    REFERENCE = NT + 2 * NY + FORCES /* numbers of a path sample: y, dy, ddy, forces */
+#else /* MODEL_FORCE */
     REFERENCE = NT + 2 * NY /* numbers of a path sample: y, dy, ddy */
+#endif /* MODEL_FORCE */
 };
 
 static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.8872983346207417};
@@ -112,7 +117,11 @@ static inline void copy(const real *from, ptrdiff_t n, real *to)
 /* Workspace of the functions that are used here; the run-time parameters are stored behind it. */
 static inline ptrdiff_t function_work(void)
 {
+#if MODEL_FORCE
+    return MODEL_INVERSION_SPACE + BLOCK + MODEL_PARAMETERS + FORCES;
+#else /* MODEL_FORCE */
     return MODEL_INVERSION_SPACE + BLOCK + MODEL_PARAMETERS;
+#endif /* MODEL_FORCE */
 }
 
 /* Store the run-time parameters where the functions that are called with this workspace find them. */
@@ -120,6 +129,19 @@ static inline void keep_parameters(const real *parameters, real *space)
 {
     copy(parameters, PARAMETERS, PARAMETERS_OF(space));
 }
+#if MODEL_FORCE
+
+/* The force on the output that equilibria hold, of a stream that of the next sample; behind the run-time parameters. */
+#define FORCE_OF(space) (PARAMETERS_OF(space) + PARAMETERS)
+
+/* Keep that of sample k; zero where no forces are given. */
+static inline void keep_force(const model_samples *p, ptrdiff_t k, real *space)
+{
+    for (int i = 0; i < FORCES; ++i) {
+        FORCE_OF(space)[i] = p->force == NULL ? 0.0 : p->force[k * FORCES + i];
+    }
+}
+#endif /* MODEL_FORCE */
 
 /* Room in the workspace, in numbers; whole vectors apart. */
 static inline int64_t padded(int64_t n)

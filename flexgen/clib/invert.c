@@ -39,6 +39,16 @@ static inline int settling_at(const real *target, problem_points *arm, settling 
             arm->target[i][l] = target[i];
         }
     }
+#if MODEL_FORCE
+    for (int l = 0; l < POINTS; ++l) {
+        for (int i = 0; i < NA; ++i) {
+            arm->q[i][l] = s->q[i];
+            arm->v[i][l] = 0.0;
+        }
+    }
+    load_force(arm, space);
+    evaluate_constraint(arm, space); /* W */
+#endif /* MODEL_FORCE */
     for (int begin = 0; begin <= NA; begin += POINTS) {
         int status;
         for (int i = 0; i < NA; ++i) {
@@ -305,6 +315,9 @@ static int prepare_end(
         return status;
     }
     copy(target, NT, reference);
+#if MODEL_FORCE
+    copy(FORCE_OF(work + l->space), NY, reference + NT + 2 * NY);
+#endif /* MODEL_FORCE */
     hold.N = 1;
     hold.y = work + own->y;
     hold.a = work + own->a;
@@ -346,6 +359,9 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
     settling *end = (settling *)(void *)(work + own->settling);
     lq_data c;
     int status = guess_mesh(m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l->space);
+#if MODEL_FORCE
+    keep_force(p, p->n - 1, work + l->space);
+#endif /* MODEL_FORCE */
     if (status == MODEL_OK) {
         status = prepare_end(m, l, own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
     }
@@ -395,6 +411,9 @@ static model_status invert_path(const model_samples *p, PARAMETERS_ARGUMENT cons
         end->allowed = options->settled;
         end->shortest = shortest_motion_after(work + l.space);
         m = mesh_in(&l, p, options, work);
+#if MODEL_FORCE
+        keep_force(p, 0, work + l.space);
+#endif /* MODEL_FORCE */
         status = equilibrium_at(p->y, q, m.scale, work + l.space);
         if (status == MODEL_OK) {
             status = motion_on_mesh(&m, &l, &own, p, q, options, end->allowed > 0.0, report, work);
@@ -412,6 +431,9 @@ static model_status invert_path(const model_samples *p, PARAMETERS_ARGUMENT cons
 #else
     l = lay_out(p->n, options, 0, 0);
     keep_parameters(GIVEN_PARAMETERS, work + l.space);
+#if MODEL_FORCE
+    keep_force(p, 0, work + l.space);
+#endif /* MODEL_FORCE */
     status = equilibrium_at(p->y, q, NULL, work + l.space);
     if (status != MODEL_OK) {
         return (model_status)status;
@@ -501,6 +523,9 @@ static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int
     p.y += path * NT;
     p.dy += path * NY;
     p.ddy += path * NY;
+#if MODEL_FORCE
+    p.force = p.force == NULL ? NULL : p.force + path * FORCES;
+#endif /* MODEL_FORCE */
     m.q_a = results_from(a->motion->q_a, k * all * NA);
     m.v_a = results_from(a->motion->v_a, k * all * NA);
     m.a_a = results_from(a->motion->a_a, k * all * NA);

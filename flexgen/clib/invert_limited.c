@@ -451,6 +451,11 @@ static void deviate(const limited_call *m, const model_samples *p, const real *c
         copy(p->y + k * (ptrdiff_t)NT, NT, plan);
         copy(p->dy + k * (ptrdiff_t)NY, NY, plan + NT);
         copy(p->ddy + k * (ptrdiff_t)NY, NY, plan + NT + NY);
+#if MODEL_FORCE
+        for (int i = NT + 2 * NY; i < REFERENCE; ++i) {
+            plan[i] = 0.0;
+        }
+#endif /* MODEL_FORCE */
         deviation_at(c, m->count, m->spacing, p->period, k, d);
         add_deviation(plan, d, 1.0, out);
         copy(out, NT, m->y + k * (ptrdiff_t)NT);
@@ -488,7 +493,11 @@ typedef struct {
 static model_status invert_deviated(
     const limited_call *m, const inner_call *call, const model_inversion_options *o, model_motion *motion)
 {
+#if MODEL_FORCE
+    const model_samples deviated = {m->n, call->p->period, m->y, m->dy, m->ddy, call->p->force};
+#else /* MODEL_FORCE */
     const model_samples deviated = {m->n, call->p->period, m->y, m->dy, m->ddy};
+#endif /* MODEL_FORCE */
 #if MODEL_PARAMETERS > 0
     return model_invert(&deviated, call->parameters, call->q_start, o, motion, call->info, m->inner, m->inner_size);
 #else

@@ -134,6 +134,12 @@ static inline void reference_sample(const model_samples *p, ptrdiff_t k, real *o
         copy(p->dy + at * NY, NY, out + NT);
         copy(p->ddy + at * NY, NY, out + NT + NY);
     }
+#if MODEL_FORCE
+    for (int i = 0; i < FORCES; ++i) { /* it stays as it is before the first and after the last sample */
+        const int held = p->force == NULL || (i >= NY && at != k);
+        out[NT + 2 * NY + i] = held ? 0.0 : p->force[at * FORCES + i];
+    }
+#endif /* MODEL_FORCE */
 }
 
 /* y, dy and ddy at sample k + x, 0 <= x <= 1; the path is constant before the first and after the last sample. */
@@ -157,6 +163,20 @@ static inline void reference_at(const model_samples *p, int k, real x, real *out
             out[NT + i] = q[1] / T;
             out[NT + NY + i] = q[2] / (T * T);
         }
+#if MODEL_FORCE
+        for (int i = 0; i < NY; ++i) {
+            real q[3] = {0.0, 0.0, 0.0};
+            if (p->force != NULL) {
+                const real *f0 = p->force + at * FORCES + i, *f1 = f0 + FORCES;
+                const real left[3] = {f0[0], T * f0[NY], T * T * f0[2 * NY]};
+                const real right[3] = {f1[0], T * f1[NY], T * T * f1[2 * NY]};
+                quintic(x, left, right, q);
+            }
+            out[NT + 2 * NY + i] = q[0];
+            out[NT + 3 * NY + i] = q[1] / T;
+            out[NT + 4 * NY + i] = q[2] / (T * T);
+        }
+#endif /* MODEL_FORCE */
 #if MODEL_POSE
         {
             real f1[3], d1[3], e1[3], extra[3], difference[3], f[3], d[3], e[3], second[3];
@@ -192,11 +212,19 @@ static inline void reference_at(const model_samples *p, int k, real x, real *out
 static inline void between_samples(const real *samples, real period, real x, real *out)
 {
     real y[2 * NT], dy[2 * NY], ddy[2 * NY];
+#if MODEL_FORCE
+    real force[2 * FORCES];
+    const model_samples two = {2, period, y, dy, ddy, force};
+#else /* MODEL_FORCE */
     const model_samples two = {2, period, y, dy, ddy};
+#endif /* MODEL_FORCE */
     for (int j = 0; j < 2; ++j) {
         copy(samples + j * REFERENCE, NT, y + j * NT);
         copy(samples + j * REFERENCE + NT, NY, dy + j * NY);
         copy(samples + j * REFERENCE + NT + NY, NY, ddy + j * NY);
+#if MODEL_FORCE
+        copy(samples + j * REFERENCE + NT + 2 * NY, FORCES, force + j * FORCES);
+#endif /* MODEL_FORCE */
     }
     reference_at(&two, 0, x, out);
 }

@@ -38,6 +38,9 @@ typedef struct {
     points inverse[NY][NG]; /* of the columns of W that belong to q_g */
     points side;            /* sign of their determinant: on either side of singular poses, 1 or -1 */
     points tau_g[NG];
+#if MODEL_FORCE
+    points force[NY]; /* on the output, dual to dy */
+#endif /* MODEL_FORCE */
 #if MODEL_NE > 0
     points row[NE], row_q[NA][NE], row_v[NA][NE], row_a[NA][NE];
     points y1_q[NA][NY], y2_q[NA][NY], y2_v[NA][NY];
@@ -56,6 +59,9 @@ static inline void load_reference(problem_points *arm, int l, const real *refere
     for (int i = 0; i < NY; ++i) {
         arm->dy[i][l] = reference[NT + i];
         arm->ddy[i][l] = reference[NT + NY + i];
+#if MODEL_FORCE
+        arm->force[i][l] = reference[NT + 2 * NY + i];
+#endif /* MODEL_FORCE */
     }
 }
 
@@ -464,9 +470,47 @@ static inline int follow_kinematics(problem_points *p, const joint_motion *joint
     return status;
 }
 
+#if MODEL_FORCE
+/* Take W' F off the rows `of` the coordinates with these indices, n of them. */
+static inline void take_force(const problem_points *p, points *rows, const int *of, int n)
+{
+    for (int i = 0; i < n; ++i) {
+        EACH (l) {
+            lanes sum = load_v(&rows[i][l]);
+            for (int j = 0; j < NY; ++j) {
+                sum -= load_v(&p->W[of[i]][j][l]) * load_v(&p->force[j][l]);
+            }
+            store_v(&rows[i][l], sum);
+        }
+    }
+}
+
+/* The force at rest on all points. */
+static inline void load_force(problem_points *arm, const real *space)
+{
+    for (int i = 0; i < NY; ++i) {
+        EACH (l) {
+            store_v(&arm->force[i][l], splat_v(FORCE_OF(space)[i]));
+        }
+    }
+}
+
+#endif /* MODEL_FORCE */
 /* Gear torques and residuals of POINTS instants whose motion is known. */
 static inline int evaluate_rows(problem_points *arm, real *space)
 {
+#if MODEL_FORCE
+#if MODEL_NE > 0
+    const int status = evaluate_inversion_rows_batch(
+        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space);
+    take_force(arm, arm->row, i_e, NE);
+#else
+    const int status =
+        evaluate_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space);
+#endif
+    take_force(arm, arm->tau_g, i_g, NG);
+    return inner_status(status);
+#else /* MODEL_FORCE */
 #if MODEL_NE > 0
     return inner_status(evaluate_inversion_rows_batch(
         POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
@@ -474,6 +518,7 @@ static inline int evaluate_rows(problem_points *arm, real *space)
     return inner_status(
         evaluate_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
 #endif
+#endif /* MODEL_FORCE */
 }
 
 /* The same for a known motion of the unactuated coordinates. */
@@ -550,6 +595,9 @@ static inline int reduced_jacobians(problem_points *p, real *space)
     if (status != MODEL_OK) {
         return inner_status(status);
     }
+#if MODEL_FORCE
+    take_force(p, p->row, i_e, NE); /* its derivatives are left out: a force is small against the stiffness */
+#endif /* MODEL_FORCE */
     elastic_columns(p->W, p->T);
     solve_columns(p, p->T, p->S);
     elastic_columns(p->y1_q, p->T);
@@ -679,6 +727,11 @@ static inline int equilibrium_at(const real *target, real *q, real *scale, real 
                 M[NY + i][j] = row_q[j * NE + i];
             }
             b[NY + i] = row[i];
+#if MODEL_FORCE
+            for (int j = 0; j < NY; ++j) {
+                b[NY + i] -= W[i_e[i] * NY + j] * FORCE_OF(space)[j];
+            }
+#endif /* MODEL_FORCE */
             scale[i] = fmax_1(1e-2 * fabs_1(row_q[i_e[i] * NE + i]), 1e-9);
         }
 #else

@@ -25,6 +25,11 @@ static inline void sample_of(const model_samples *p, ptrdiff_t k, real *out)
     copy(p->y + k * NT, NT, out);
     copy(p->dy + k * NY, NY, out + NT);
     copy(p->ddy + k * NY, NY, out + NT + NY);
+#if MODEL_FORCE
+    for (int i = 0; i < FORCES; ++i) {
+        out[NT + 2 * NY + i] = p->force == NULL ? 0.0 : p->force[k * FORCES + i];
+    }
+#endif /* MODEL_FORCE */
 }
 
 /* The path of the horizon and before it: node 0 of the horizon is sample `now`. */
@@ -514,6 +519,11 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
 #endif
     space = stream + l.space;
     keep_parameters(parameters_given, space);
+#if MODEL_FORCE
+    for (int i = 0; i < FORCES; ++i) {
+        FORCE_OF(space)[i] = 0.0;
+    }
+#endif /* MODEL_FORCE */
     copy(q_start, NA, q);
     stream[INTERVALS] = (real)options->intervals;
     stream[SAMPLES_PER_INTERVAL] = (real)options->samples_per_interval;
@@ -586,6 +596,24 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
 }
 #endif
 
+#if MODEL_FORCE
+model_status model_stream_force(const model_stream *given, const real force[3 * MODEL_NY])
+{
+    real *stream = memory_of(given);
+    if (stream == NULL || force == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!is_running(stream)) {
+        return MODEL_NOT_STARTED;
+    }
+    if (!is_finite(force, FORCES)) {
+        return MODEL_INPUT_NOT_FINITE;
+    }
+    copy(force, FORCES, FORCE_OF(stream + layout_of(stream).space));
+    return MODEL_OK;
+}
+
+#endif /* MODEL_FORCE */
 COLD model_status model_stream_limits(
     const model_stream *given, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
 {
@@ -659,6 +687,9 @@ model_status model_stream_begin(
     copy(y, NT, own);
     copy(dy, NY, own + NT);
     copy(ddy, NY, own + NT + NY);
+#if MODEL_FORCE
+    copy(FORCE_OF(stream + l.space), FORCES, own + NT + 2 * NY);
+#endif /* MODEL_FORCE */
     copy(own, REFERENCE, next);
     has_limits = stream[l.limits] > 0.0;
     if (has_limits) {

@@ -291,6 +291,13 @@ static inline model_status check_path(const model_samples *p, const real *parame
             return MODEL_INPUT_NOT_FINITE;
         }
     }
+#if MODEL_FORCE
+    for (int k = 0; k < p->n && p->force != NULL; ++k) {
+        if (!is_finite(p->force + k * (ptrdiff_t)FORCES, FORCES)) {
+            return MODEL_INPUT_NOT_FINITE;
+        }
+    }
+#endif /* MODEL_FORCE */
     if (!is_finite(parameters, PARAMETERS) || !is_finite(q_start, NA)) {
         return MODEL_INPUT_NOT_FINITE;
     }
@@ -818,6 +825,14 @@ static inline int rest_at_samples(
             arm->v[i][l] = arm->a[i][l] = 0.0;
         }
     }
+#if MODEL_FORCE
+    for (int l = 0; l < POINTS; ++l) {
+        real reference[REFERENCE];
+        reference_sample(r->p, r->p->n, reference);
+        load_reference(arm, l, reference);
+    }
+    evaluate_constraint(arm, space); /* W */
+#endif /* MODEL_FORCE */
     status = evaluate_rows(arm, space);
     if (status != MODEL_OK) {
         return status;

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexgen.codegen.clib_types import CFunction, Field
-from flexgen.codegen.interface import DERIVATIVES, OUTPUT, PARTS, RATE, SECOND
+from flexgen.codegen.interface import DERIVATIVES, FORCE, OUTPUT, PARTS, RATE, SECOND
 from flexgen.codegen.kinematic_functions import kinematic_functions
 from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
@@ -288,6 +288,25 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
             Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS),
         ),
         parametrized=True,
+    ),
+    CFunction(
+        "stream_force",
+        "stream.c",
+        "Set the force on the output at the samples that follow: that of the next update, and of later ones until it "
+        "is set again.",
+        "A stream starts without a force, at the equilibrium without one. Set the force of each sample before its "
+        "update; a force that begins with a step cannot be followed exactly.",
+        (
+            _STREAM,
+            Field(
+                "force",
+                "const real *",
+                ("3 * n_y",),
+                "mixed",
+                "dual to dy: of a pose force [N], then torque [N m]; then its first and its second time derivative",
+            ),
+        ),
+        part=FORCE,
     ),
     CFunction(
         "stream_limits",

@@ -34,6 +34,9 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
+_FORCE = re.compile(
+    r"^#if MODEL_FORCE\n(.*?)(?:^#else /\* MODEL_FORCE \*/\n(.*?))?^#endif /\* MODEL_FORCE \*/\n", re.DOTALL | re.MULTILINE
+)
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
 _LITERAL = re.compile(r"(?<![\w.])(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?![\w.])")  # of a double
 
@@ -48,8 +51,12 @@ def read_clib() -> dict[str, str]:
     return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
 
 
-def render(text: str, name: str, precision: str = "double") -> str:
-    """A fixed text with the library's name instead of ``model``, and its literals in this precision."""
+def render(text: str, name: str, precision: str = "double", force: bool = False) -> str:
+    """A fixed text with the library's name instead of ``model``, and its literals in this precision.
+
+    ``force``: with the parts for forces on the output, which other libraries do not have.
+    """
+    text = _FORCE.sub(lambda found: found[1] if force else found[2] or "", text)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
     text = re.sub(r"\bMODEL_", f"{name.upper()}_", text)
     if precision == "double":
@@ -84,7 +91,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     if not spec.inverts or spec.motor_constants is None:
         return {}
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
-    texts = {name: render(read_clib()[name], spec.name, spec.precision) for name in names}
+    texts = {name: render(read_clib()[name], spec.name, spec.precision, spec.force) for name in names}
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)
@@ -158,12 +165,15 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     """Macros of the public header: recommended options of a stream, its memory, the operations of an update."""
     used = [f for f in spec.functions if f.name in INVERSION]
     block = BLOCK[spec.precision]
-    size = stream_size(spec.sizes, space_of(spec, written) + len(spec.parameters), block)
+    n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
+    more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
+    sizes = {**spec.sizes, "n_t": n_t + more}
+    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block)
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
-        arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries
-    most = stream_operations(spec.sizes, arithmetic, block)
+        arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries + more * n_a
+    most = stream_operations(sizes, arithmetic, block)
 
     def linear(name: str, bound: Linear) -> str:
         arguments = "intervals, samples_per_interval"

@@ -6,6 +6,8 @@ of many points are rows of `flexgen.mechanics.signatures`, hand-written ones row
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from flexgen.codegen.clib_types import Enum, Field, Limit, Status, Struct
 from flexgen.runtime.identity import ABI_VERSION as ABI_VERSION
 from flexgen.runtime.identity import TOLERANCES
@@ -13,7 +15,8 @@ from flexgen.runtime.identity import TOLERANCES
 INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
 DELAY_MAX = 4  # of the drive, in samples
 DERIVATIVES = "derivatives"
-PARTS = ("bvp", DERIVATIVES)  # optional parts: hand-written functions, or products with derivatives of its functions
+FORCE = "force"
+PARTS = ("bvp", DERIVATIVES, FORCE)  # optional parts: hand-written functions, products with derivatives, process forces
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 LIMITS = (
     Limit("STREAM_INTERVALS_MAX", INTERVALS_MAX, "intervals of a horizon, at most"),
@@ -327,6 +330,21 @@ STRUCTS: tuple[Struct, ...] = (
         ),
     ),
 )
+
+
+_FORCE = Field(
+    "force",
+    "const real *",
+    ("n", "3 * n_y"),
+    "mixed",
+    "force on the output, dual to dy: of a pose force [N], then torque [N m] on the tool, world axes; then its first and "
+    "its second time derivative. Before the first and after the last sample it stays as it is there. Null: none",
+)
+
+
+def structs_with(force: bool) -> tuple[Struct, ...]:
+    """The structs of a library, with forces in the samples of a path or without."""
+    return tuple(replace(s, fields=(*s.fields, _FORCE)) if force and s.name == "samples" else s for s in STRUCTS)
 
 
 def default_of(field: Field, precision: str) -> str:

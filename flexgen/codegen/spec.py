@@ -15,7 +15,7 @@ import numpy as np
 from flexgen.codegen.c_functions import offered_c_functions
 from flexgen.codegen.clib_types import CFunction, Enum, Struct, signature_of
 from flexgen.codegen.digest import model_digest
-from flexgen.codegen.interface import DERIVATIVES, ENUMS, STRUCTS
+from flexgen.codegen.interface import DERIVATIVES, ENUMS, FORCE, structs_with
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
@@ -156,6 +156,8 @@ class LibrarySpec:
         Numbers that are arguments of the functions instead of constants.
     per_point : bool
         Batches take one vector of them for each point, and not one for all.
+    force : bool
+        Inverse dynamics along paths takes forces on the output.
     c_functions : tuple of CFunction
         Hand-written functions that come with the library.
     motor_constants : MotorConstants, optional
@@ -184,6 +186,7 @@ class LibrarySpec:
     precision: str = "double"
     parameters: tuple[Parameter, ...] = ()
     per_point: bool = False
+    force: bool = False
     c_functions: tuple[CFunction, ...] = ()
     motor_constants: MotorConstants | None = None
     kinematic_constants: KinematicConstants | None = None
@@ -199,7 +202,7 @@ class LibrarySpec:
         """The structs that its hand-written functions take or return."""
         used = {a.base for f in self.declared_in("inversion") for a in f.arguments}
         used |= {f.returns for f in self.declared_in("inversion")}
-        return tuple(struct for struct in STRUCTS if struct.name in used)
+        return tuple(struct for struct in structs_with(self.force) if struct.name in used)
 
     @property
     def enums(self) -> tuple[Enum, ...]:
@@ -359,6 +362,7 @@ def library_spec(
         precision=precision,
         parameters=parameters,
         per_point=per_point,
+        force=FORCE in parts,
         c_functions=c_functions,
         motor_constants=motor_constants(model) if inverts else None,
         kinematic_constants=kinematic_constants(model) if model.n_g >= FREE else None,

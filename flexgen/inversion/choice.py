@@ -40,11 +40,16 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
     if method.name != "full" and robot.n_a <= FULL_LARGEST:
         names.append("full")
     found = (find_method(name) for name in names)
-    return tuple(method for method in found if problem.limits is None or method.keeps_limits)
+    able = (method for method in found if problem.limits is None or method.keeps_limits)
+    return tuple(method for method in able if problem.force is None or method.takes_force)
 
 
-def check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:
-    """ArgumentError where a method cannot keep the limits, or does not solve the motor coupling of the model."""
+def check_applies(method: Method, robot: RobotModel, limits: Limits | None, pushed: bool = False) -> None:
+    """ArgumentError where a method cannot keep the limits, take the force or solve the model's motor coupling."""
+    if pushed and (not method.takes_force or limits is not None):
+        able = ", ".join(m.name for m in methods().values() if m.takes_force)
+        given = f"with method {method.name!r}" if not method.takes_force else "together with limits"
+        raise ArgumentError(f"force: given {given}, expected one of the methods {able}, without limits")
     if limits is not None and not method.keeps_limits:
         able = ", ".join(m.name for m in methods().values() if m.keeps_limits)
         raise ArgumentError(

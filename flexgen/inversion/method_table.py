@@ -30,6 +30,8 @@ class Method:
         Computes each sample of the path by itself: no mesh, and no motion before the path.
     any_coupling : bool
         Solves models whose rotors turn with their carriers.
+    takes_force : bool
+        Takes a force on the tool along the path.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Method:
     refines: bool = True
     algebraic: bool = False
     any_coupling: bool = False
+    takes_force: bool = False
 
 
 SOLVERS = (
@@ -49,14 +52,21 @@ SOLVERS = (
         "flexgen.inversion.methods.closed_form",
         refines=False,
         algebraic=True,
+        takes_force=True,
     ),
     Method(
         "lq",
         "stable inversion by linear-quadratic steps, in C; keeps limits",
         "flexgen.inversion.methods.lq",
         keeps_limits=True,
+        takes_force=True,
     ),
-    Method("bvp", "stable inversion as a two-point boundary value problem, in C", "flexgen.inversion.methods.bvp"),
+    Method(
+        "bvp",
+        "stable inversion as a two-point boundary value problem, in C",
+        "flexgen.inversion.methods.bvp",
+        takes_force=True,
+    ),
     Method(
         "collocation",
         "optimal control on the reduced problem (IPOPT)",

@@ -17,6 +17,7 @@ from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_time
 from flexgen.paths.path import Path
 
 if TYPE_CHECKING:
+    from flexgen.inversion.process_force import ProcessForce
     from flexgen.paths.smoothness import SmoothnessReport
 
 STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them
@@ -57,6 +58,11 @@ class InversionProblem:
     accuracy: float = ACCURACY
     progress: Callable[[str], None] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    force: ProcessForce | None = None
+
+    def at_rest(self, t: float) -> Equations:
+        """The equations with the constant force that the process exerts at the instant ``t`` [s]."""
+        return self.equations if self.force is None else self.equations.pushed_by(self.force.at(np.array([t]))[0])
 
     @cached_property
     def windows(self) -> tuple[float, float]:
@@ -144,10 +150,10 @@ class InversionProblem:
     @cached_property
     def equilibrium(self) -> Equilibrium:
         """Equilibrium at the start of the path, by statics alone."""
-        equations, model = self.equations, self.equations.model
+        equations, model = self.at_rest(0.0), self.equations.model
         if self.path.move.type == "joint" and model.n_e == 0:
             return equilibrium_at(equations, self.path.q_start)
-        simple = Equations(replace(model, motor_coupling="simplified"))
+        simple = replace(self, equations=Equations(replace(model, motor_coupling="simplified"))).at_rest(0.0)
         return equilibrium_at(equations, Reduction(simple).start(self.path).q_a)
 
     @property

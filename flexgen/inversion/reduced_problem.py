@@ -47,8 +47,10 @@ class Motion:
 class Reduction:
     """The reduced problem of a model whose outputs are as many as its motors."""
 
-    def __init__(self, equations: Equations) -> None:
+    def __init__(self, equations: Equations, force: np.ndarray | None = None) -> None:
+        """``force`` (n, 18): force and torque on the tool of ``equations.pushed`` and two derivatives, at n instants."""
         model = equations.model
+        self._force = [] if force is None else np.split(force, 3, axis=1)
         reason = model.inversion_obstacle()
         if reason is not None:
             raise ArgumentError(f"reduced problem: {reason}; use --method full")
@@ -62,8 +64,11 @@ class Reduction:
         q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
         j, s = ca.SX.sym("j_a", self.model.n_a), ca.SX.sym("s_a", self.model.n_a)
 
+        pushed = self.equations.force is not None and not self.equations.force.is_constant()
+        f = [self.equations.force, ca.SX.sym("df", 6), ca.SX.sym("ddf", 6)] if pushed else []
+
         def rate(x: ca.SX) -> ca.SX:
-            return ca.jtimes(x, ca.vertcat(q, v, a, j), ca.vertcat(v, a, j, s))
+            return ca.jtimes(x, ca.vertcat(q, v, a, j, *f[:2]), ca.vertcat(v, a, j, s, *f[1:]))
 
         W = self._output.rate
         arm = self.equations.function("inverse_dynamics")(q, v, a) - lag.arm_forces
@@ -75,6 +80,7 @@ class Reduction:
             graph[f"tau{k}"] = rate(graph[f"tau{k - 1}"])
         for k in (2, 3, 4):
             graph[f"rate{k}"] = rate(graph[f"rate{k - 1}"])
+        graph |= {f"f{k}": each for k, each in enumerate(f)}
         graph["G"] = ca.vertcat(W, ca.densify(ca.jacobian(row, a))) if self.i_e else W
         return graph
 
@@ -187,7 +193,8 @@ class Reduction:
         g = self._graph
         names = ["rate1", "rate2", "rate3", "rate4", "row0", "row1", "row2", "tau0", "tau1", "tau2", "G", "W"]
         outputs = [ca.densify(g[name]) for name in names]
-        return ca.Function("levels", [g["q"], g["v"], g["a"], g["j"], g["s"]], outputs, list("qvajs"), names)
+        given = [*"qvajs", *(name for name in ("f0", "f1", "f2") if name in g)]
+        return ca.Function("levels", [g[name] for name in given], outputs, given, names)
 
     def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> tuple[Motion | None, bool]:
         """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
@@ -229,7 +236,7 @@ class Reduction:
         return self._motion(chain)
 
     def _at(self, chain: list[np.ndarray]) -> dict[str, np.ndarray]:
-        return dict(zip(self._levels.name_out(), evaluate(self._levels, *chain), strict=True))
+        return dict(zip(self._levels.name_out(), evaluate(self._levels, *chain, *self._force), strict=True))
 
     def _picking(self, W: np.ndarray) -> np.ndarray:
         """The matrix (n, n_a, n_a) whose upper rows are W and whose lower rows pick the non-actuated coordinates."""

@@ -26,6 +26,8 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     before, after = problem.windows
     if problem.mesh is None and problem.limits is None:
         h = min(h, max(problem.resolving, problem.step))
+    if problem.force is not None and problem.mesh is None:
+        h = min(h, max(problem.force.resolving, problem.step))
     if problem.preview is not None:
         before = float(problem.preview)
     gears = [c.dof.gear for c in problem.equations.model.coordinates if c.dof is not None and c.dof.gear is not None]
@@ -61,6 +63,13 @@ def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np
     return tuple(
         np.ascontiguousarray(x) for x in (reduction.targets(sample), sample.derivative(1), sample.derivative(2))
     )  # type: ignore[return-value]
+
+
+def force_samples(problem: InversionProblem, period: float, n: int) -> np.ndarray | None:
+    """Force on the output and two derivatives (n, 3 n_y) at n samples of a path; None where there is none."""
+    if problem.force is None:
+        return None
+    return problem.force.on_output(problem.equations.model, np.arange(n) * period)
 
 
 def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResult:

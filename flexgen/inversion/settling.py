@@ -50,7 +50,7 @@ def trim_after_settling(problem: InversionProblem, found: Inversion) -> tuple[In
     """
     if found.n_post == 0:
         return found, ()
-    end = equilibrium_at(problem.equations, found.q_a[-1])
+    end = equilibrium_at(problem.at_rest(problem.path.duration), found.q_a[-1])
     if problem.equations.model.n_e == 0:
         return _cut(found, found.n_post, end), slow_gears(problem)
     size = _measure_remaining(problem, found, end)

@@ -20,6 +20,7 @@ from flexgen.simulation.result import Simulation, error_figures, error_lines
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
+FORCE_CHANNEL = "force"  # where a process exerts one on the tool
 STATE_CHANNELS = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
 
@@ -42,7 +43,7 @@ class Solution(Result):
     verdict : str
         Message of the solver; empty for the closed form.
     trajectory : Trajectory
-        Channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``.
+        Channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``, and ``force`` where one was given.
     residual_max_Nm : float [N m, or N for translations]
         Largest residual of the full equations of motion at the midpoints between the samples.
     residual_relative : float
@@ -253,7 +254,8 @@ def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
     from flexgen.simulation.growth import Motion
     from flexgen.simulation.residual import midpoint_residual
 
-    motion = Motion(trajectory.time, *(trajectory[name] for name in STATE_CHANNELS))
+    force = trajectory[FORCE_CHANNEL] if FORCE_CHANNEL in trajectory else None
+    motion = Motion(trajectory.time, *(trajectory[name] for name in STATE_CHANNELS), force)
     rows = midpoint_residual(equations, motion, trajectory.meta.get("torque") == "limited")
     return np.abs(rows).max(axis=0)
 

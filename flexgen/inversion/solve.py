@@ -46,7 +46,7 @@ TIME_LIMIT = 120.0  # s
 FURTHER = 60.0  # s: "auto" starts no further method after this time
 
 
-@checked_types(own=("method", "preview", "mesh", "limits", "accuracy", "hold", "sample_time", "delay", "time_limit"))
+@checked_types(own=("method", "preview", "mesh", "limits", "accuracy", "hold", "sample_time", "delay", "time_limit", "force"))
 @reported("solve")
 def solve(
     model: str | FilePath | RobotModel | Equations,
@@ -65,6 +65,7 @@ def solve(
     ignore_limits: bool = False,
     fixed_joint: str | None = None,
     fastest: bool = False,
+    force: np.ndarray | Callable[[np.ndarray], np.ndarray] | Trajectory | str | FilePath | None = None,
     progress: Choice = None,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
@@ -101,6 +102,9 @@ def solve(
         Keeps its value in a move of the tool, of an arm with more motors than outputs: see `flexgen.paths.redundancy`.
     fastest : bool
         Old (a DeprecationWarning): the fastest time law within ``limits``; now ``solve(model, fastest(model).move)``.
+    force : array (n, 3), function of time, Trajectory or file, optional [N]
+        What a process exerts on the tool, world axes: samples at equal steps from the start to the end of the path;
+        (n, 6) with moments [N m], (n, 2) of a planar robot. Before and after the path it stays as it is at its ends.
     progress : callable or bool, optional
         Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
@@ -127,7 +131,7 @@ def solve(
     began, log = (time.perf_counter(), time.process_time()), progress if callable(progress) else None
     check_arguments(method, preview, mesh, accuracy, time_limit, limits)
     controller, reached = Hold(hold, sample_time, delay), BestSolution()
-    given = preview, mesh, limits, verify, accuracy, log, dict(options or {})
+    given = preview, mesh, limits, verify, accuracy, log, dict(options or {}), force
     with running(time_limit or None) as deadline:
         try:
             problem = _problem(model, move, fixed_joint, fastest, given)
@@ -157,13 +161,17 @@ def _problem(
     from flexgen.deprecation import warn_of_old
     from flexgen.paths.redundancy import problem_of_move
 
-    preview, mesh, limits, verify, accuracy, log, options = given
+    preview, mesh, limits, verify, accuracy, log, options, force = given
     equations = _derive(model, log)
     if fastest:
         warn_of_old("solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, move).move")
         move, limits = find_function("Move.fastest")(equations.model, move, limits, log or False), None
     equations, path = problem_of_move(equations, find_move(equations.model, move), fixed_joint, log)
-    return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options)
+    if force is not None:
+        from flexgen.inversion.process_force import process_force
+
+        force = process_force(force, equations.model, path.duration)
+    return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options, force)
 
 
 def _derive(model: str | FilePath | RobotModel | Equations, log: Callable[[str], None] | None) -> Equations:
@@ -179,7 +187,7 @@ def _find_solution(problem: InversionProblem, method: str, reached: BestSolution
     """The solution by a method, or by the default method and what it falls back to."""
     robot = problem.equations.model
     chosen = find_method(default_method(robot, problem.limits) if method == AUTO else method)
-    check_applies(chosen, robot, problem.limits)
+    check_applies(chosen, robot, problem.limits, problem.force is not None)
     find = _automatic_solution if method == AUTO else _refine
     try:
         reached.solution = find(problem, chosen, reached)
@@ -394,6 +402,8 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
     if sample.R is not None:
         matrix, doc = sample.R.reshape(len(t), 9), "reference orientation, rows of the matrix"
         rows.append(("R_ref", matrix, "-", doc, reference["R_ref"]))
+    if problem.force is not None:
+        rows.append(problem.force.channel(t))
     units = {name: (unit,) * len(labels) if isinstance(unit, str) else unit for name, _, unit, _, labels in rows}
     return Trajectory(
         t,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics import dynamics, flexible_joint, inversion_functions, linearization
@@ -65,6 +67,20 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
     def __reduce__(self) -> tuple[type[Equations], tuple[RobotModel, tuple[str, ...]]]:
         """Pickled as the model and the names of its parameters; the functions are built again where they are used."""
         return Equations, (self.model, tuple(parameter.name for parameter in self.parameters))
+
+    @cached_property
+    def pushed(self) -> Equations:
+        """The same with symbols for a force on the tool, the argument ``f_tool`` (6,) of all functions it changes."""
+        return self._with_force(ca.SX.sym("f_tool", 6))
+
+    def pushed_by(self, force: np.ndarray | None) -> Equations:
+        """The same with a constant force and torque (6,) on the tool; the same object for None."""
+        return self if force is None else self._with_force(ca.SX(ca.DM(force)))
+
+    def _with_force(self, force: ca.SX) -> Equations:
+        made = Equations(self.model, [parameter.name for parameter in self.parameters])
+        made.force = force
+        return made
 
     def function(self, name: str) -> ca.Function:
         """The CasADi function of that name (see the class); ArgumentError for an unknown one."""

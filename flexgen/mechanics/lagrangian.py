@@ -33,7 +33,7 @@ class Lagrangian:
     have no potential. ``power_motor``, ``power_dissipated`` [W]. ``tau_g`` (n_g): torque of the elastic gears on the
     arm side; ``tau_e`` (n_e): torque of the non-actuated elements; ``tau_gm`` (n_m): torques of the gears on the motor
     side; ``momentum_m`` (n_m): axial momentum of the rotors for the motor velocities v_m [N m s]; ``arm_forces`` (n_a):
-    joint frictions and body drags, as they act.
+    joint frictions, body drags and forces on the tool, as they act.
     """
 
     model: RobotModel
@@ -79,8 +79,8 @@ class _Forces:
     tau_e: list[ca.SX] = field(default_factory=list)
 
 
-def lagrangian(model: RobotModel) -> Lagrangian:
-    """Build the `Lagrangian` of a model."""
+def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
+    """Build the `Lagrangian` of a model; ``force`` (6,): force and torque on the tool, see `System.force`."""
     chain = kinematics(model)
     q_a, v_a = chain.q_a, chain.v_a
     a_a = ca.SX.sym("a_a", model.n_a)
@@ -105,6 +105,9 @@ def lagrangian(model: RobotModel) -> Lagrangian:
     drag = ca.gradient(chain.drag, v_a)
     lost = joints.lost + ca.dot(drag, v_a)
     arm_forces = ca.vertcat(*joints.on_arm) - drag
+    if force is not None:  # J' f from its power, which the robot receives
+        power = ca.dot(force, ca.vertcat(*(ca.mtimes(chain.tool.R, x) for x in (chain.tool.v, chain.tool.w))))
+        arm_forces, lost = arm_forces + ca.gradient(power, v_a), lost - power
     force = ca.SX(arm_forces)
     friction_m = ca.vertcat(*[friction_torque(m.friction, v_m_all[j]) for j, m in enumerate(model.motors)])
     lost = lost + ca.dot(friction_m, v_m_all)

@@ -44,7 +44,11 @@ class System:
     parameters : tuple of Parameter
     symbols : casadi.SX (n_p,)
         The symbols of the parameters, in that order.
+    force : casadi.SX (6,) or None
+        On the tool at its origin, world axes: force [N], then torque [N m]; symbols or numbers; None: nothing.
     """
+
+    force: ca.SX | None = None
 
     def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
         made = put_symbols(model, parameters)
@@ -54,8 +58,10 @@ class System:
     def build(
         self, name: str, inputs: list[ca.SX], names_in: list[str], outputs: list[ca.SX], names_out: list[str]
     ) -> ca.Function:
-        """A function with dense results; its last argument is ``parameters`` where they depend on them."""
+        """A function with dense results; its last arguments are ``f_tool`` and ``parameters`` where they matter."""
         outputs = [ca.densify(x) for x in outputs]
+        if self.force is not None and not self.force.is_constant() and ca.depends_on(ca.veccat(*outputs), self.force):
+            inputs, names_in = [*inputs, self.force], [*names_in, "f_tool"]
         if self.parameters and ca.depends_on(ca.veccat(*outputs), self.symbols):
             inputs, names_in = [*inputs, self.symbols], [*names_in, "parameters"]
         return ca.Function(name, inputs, outputs, names_in, names_out)
@@ -63,7 +69,7 @@ class System:
     @cached_property
     def lagrangian(self) -> Lagrangian:
         """The energies and forces that all functions follow from."""
-        return lagrangian(self.with_symbols)
+        return lagrangian(self.with_symbols, self.force)
 
     @cached_property
     def y(self) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -180,6 +180,7 @@ class Inverter:
         settled: float = 0.0,
         growth: bool = False,
         parameters: Any = None,
+        force: Any = None,
     ) -> Inversion:
         """Motion and torques for exact tracking of a path.
 
@@ -214,6 +215,9 @@ class Inverter:
             Whether to compute ``growth`` too, which takes 0.3 to 2 times as long as the rest. Not of ``bvp``.
         parameters : array (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file.
+        force : array (n, 3 n_y), optional
+            Force on the output at the samples, dual to ``dy``: of a pose force [N], then torque [N m] on the tool, in
+            world axes; then its first and its second time derivative. Of a library with the part ``"force"``.
 
         Returns
         -------
@@ -228,7 +232,7 @@ class Inverter:
         """
         self._refuse_closed()
         function = self._function
-        given = self._samples(y, dy, ddy)
+        given = self._samples(y, dy, ddy, force)
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         period = number_of(function, "period", period)
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
@@ -321,12 +325,19 @@ class Inverter:
             reached = "" if np.isnan(residual) else f" (residual {residual:.3g} after {iterations} iterations)"
             raise exception(f"{self._function}: {text}{reached}")
 
-    def _samples(self, y: Any, dy: Any, ddy: Any) -> dict[str, np.ndarray]:
-        """The samples of the path, checked."""
+    def _samples(self, y: Any, dy: Any, ddy: Any, force: Any = None) -> dict[str, np.ndarray]:
+        """The samples of the path and of the force on it, checked."""
         y = array_of(self._function, "y", y, None, self._real)
         n = len(y) if y.ndim == 2 else -1
         n_y, n_t = self._sizes["n_y"], self._sizes["n_t"]
         columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
+        if force is not None:
+            if not any(name == "force" for name, *_ in self._structs["samples"]._fields_):
+                raise ArgumentError(
+                    f"{self._function}, force: given to a library without forces, expected one that was generated with "
+                    'parts=["force"] (--parts force)'
+                )
+            columns["force"] = force, 3 * n_y
         return {key: array_of(self._function, key, x, (n, width), self._real) for key, (x, width) in columns.items()}
 
     def _results(self, total: int) -> dict[str, Any]:

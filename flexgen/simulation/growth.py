@@ -31,7 +31,10 @@ AT_REST, AT_REST_ABS = 1e-4, 1e-9  # of the largest speed; rad/s or m/s: roundin
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion and torque at n instants ``t``: arm ``q_a v_a a_a`` (n, n_a), motors ``q_m v_m a_m tau_m`` (n, n_m)."""
+    """Motion and torque at n instants ``t``: arm ``q_a v_a a_a`` (n, n_a), motors ``q_m v_m a_m tau_m`` (n, n_m).
+
+    ``force`` (n, 6): force and torque on the tool; None: nothing.
+    """
 
     t: np.ndarray
     q_a: np.ndarray
@@ -41,6 +44,7 @@ class Motion:
     v_m: np.ndarray
     a_m: np.ndarray
     tau_m: np.ndarray
+    force: np.ndarray | None = None
 
 
 def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
@@ -52,7 +56,8 @@ def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray])
         if name not in data.channels or sorted(data.labels[name]) != sorted(labels):
             return None
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
-    return Motion(data.time, **found) if all(np.isfinite(x).all() for x in found.values()) else None
+    finite = all(np.isfinite(x).all() for x in found.values())
+    return Motion(data.time, **found, force=given.get("force")) if finite else None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.growth import Motion
-from flexgen.torque_curve import torque_curve
+from flexgen.torque_curve import spline, torque_curve
 
 
 def midpoint_residual(equations: Equations, motion: Motion, limited: bool = False) -> np.ndarray:
@@ -21,7 +21,10 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     parts = (motion.q_a, motion.v_a, motion.a_a), (motion.q_m, motion.v_m, motion.a_m)
     between = [x for part in parts for x in _half_way(h, *part)]
     tau = torque_curve(t, motion.tau_m, limited=limited)(middle)
-    r_a, r_m = evaluate(equations.function("residual"), *between, tau)
+    if motion.force is not None:
+        r_a, r_m = evaluate(equations.pushed.function("residual"), *between, tau, spline(t, motion.force)(middle))
+    else:
+        r_a, r_m = evaluate(equations.function("residual"), *between, tau)
     n = len(middle)
     return np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
 

@@ -56,8 +56,9 @@ def run(
     t : array (n,) [s]
         Instants of the results.
     given : callable
-        Motor torques (n_m,), with feedback also the motors' reference angles and speeds (3 n_m,), as a piecewise
-        polynomial of the instant, from the start and the end of a part without corners.
+        Motor torques (n_m,), with feedback also the motors' reference angles and speeds (3 n_m,), with a force on the
+        tool that and zeros without feedback (3 n_m + 6,), as a piecewise polynomial of the instant, from the start and
+        the end of a part without corners.
     start : array (2 n,)
         State (q_a, q_me, v_a, v_me).
     corners : sequence of int
@@ -99,21 +100,24 @@ def rates_of(
     """
     robot = equations.model
     n_a, n, n_m, i_m = robot.n_a, robot.dof, robot.n_m, list(robot.i_m)
-    motors, speeds = np.zeros(n_m), np.zeros(n_m)
+    motors, speeds, pushed = np.zeros(n_m), np.zeros(n_m), equations.force is not None
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
         u = given(instant)
         if feedback is None:
             return np.asarray(function(x, u), float).ravel()
-        more, w = feedback.torque(x, x[2 * n + 2 :], u[n_m:])
-        return np.concatenate([np.asarray(function(x[: 2 * n + 2], u[:n_m] + more), float).ravel(), w])
+        more, w = feedback.torque(x, x[2 * n + 2 :], u[n_m : 3 * n_m])
+        applied = np.concatenate([u[:n_m] + more, u[n_m:]]) if pushed else u[:n_m] + more
+        return np.concatenate([np.asarray(function(x[: 2 * n + 2], applied), float).ravel(), w])
 
     def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
         motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
         u = given(instant)
-        tau = u if feedback is None else u[:n_m] + feedback.torque(x, x[2 * n + 2 :], u[n_m:])[0]
+        tau = u[:n_m] if feedback is None else u[:n_m] + feedback.torque(x, x[2 * n + 2 :], u[n_m : 3 * n_m])[0]
+        more = [u[3 * n_m :]] if pushed else []
         A, B = (
-            np.array(each) for each in equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, tau)
+            np.array(each)
+            for each in equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, tau, *more)
         )
         if feedback is None:
             return np.pad(A, (0, 2))
@@ -143,11 +147,13 @@ def _rates(equations: Equations, progress: Callable[[str], None] | None) -> tupl
 def _rate(equations: Equations) -> ca.Function:
     """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the torque."""
     robot = equations.model
-    n_a, n = robot.n_a, robot.dof
-    x, torque = ca.SX.sym("x", 2 * n + 2), ca.SX.sym("tau_m", robot.n_m)
+    n_a, n, n_m = robot.n_a, robot.dof, robot.n_m
+    pushed = equations.force is not None  # the force is behind the references of a feedback
+    x, given = ca.SX.sym("x", 2 * n + 2), ca.SX.sym("tau_m", 3 * n_m + 6 if pushed else n_m)
+    torque, more = (given[:n_m], [given[3 * n_m :]]) if pushed else (given, [])
     motors, speeds = ca.SX.zeros(robot.n_m), ca.SX.zeros(robot.n_m)
     for k, j in enumerate(robot.i_m):
         motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
-    power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque)
-    rates = ca.vertcat(equations.function("state_rate")(x[: 2 * n], torque), *power)
-    return ca.Function("rate", [x, torque], [ca.cse(rates)])
+    power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque, *more)
+    rates = ca.vertcat(equations.function("state_rate")(x[: 2 * n], torque, *more), *power)
+    return ca.Function("rate", [x, given], [ca.cse(rates)])

@@ -40,7 +40,7 @@ from flexgen.simulation.result import Simulation, growth_text
 from flexgen.simulation.run import Input, Run, run
 from flexgen.simulation.start import start_state
 from flexgen.spec.ports import Port
-from flexgen.torque_curve import side_by_side, spline, then_constant, torque_curve
+from flexgen.torque_curve import constant, side_by_side, spline, then_constant, torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types
@@ -94,6 +94,10 @@ def _read_channels(
                 f"{', '.join(labels)} of finite numbers"
             )
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
+    if "force" in data.channels:
+        from flexgen.simulation.tool_force import read_force
+
+        found["force"] = read_force(data)
     warnings = []
     if not moving and "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
         warnings.append("the trajectory does not start at rest; the simulation does: expect an error at the start")
@@ -174,6 +178,7 @@ def simulate(
     if feedback == AUTO:
         growth, known = open_loop.analyze(equations, data, task.given, task.held, task.command is None)
     known["warnings"] = warnings
+    task = replace(task, equations=equations.pushed) if "force" in given else task
     if feedback == NONE or (feedback == AUTO and (growth is None or growth.whole <= open_loop.UNSTABLE)):
         return replace(
             open_loop.without_lost_errors(_simulate_once(task, open_loop.precise(rtol, growth), None, tell), growth),
@@ -305,14 +310,20 @@ def _command(
 def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
     """The motor torques, with feedback also the motors' reference angles and speeds, at an instant."""
     torque = _hold_curve(task.data, task.given["tau_m"]) if task.command is None else task.command.between
-    if feedback is None:
+    if feedback is None and "force" not in task.given:
         return torque
     q_m = task.given["q_m"]
     samples = q_m[: len(task.data.time)]
     angles = spline(task.data.time, samples)
     speeds = then_constant(angles.derivative(), np.zeros(samples.shape[1]))
     angles = then_constant(angles, samples[-1])
-    return lambda begin, finish: side_by_side([torque(begin, finish), angles, speeds], begin, finish)
+    more = []
+    if "force" in task.given:
+        from flexgen.simulation.tool_force import force_curve
+
+        more = [force_curve(task.data.time, task.given["force"])]
+        angles, speeds = (constant(0.0 * samples[0], *angles.x[[0, -1]]),) * 2 if feedback is None else (angles, speeds)
+    return lambda begin, finish: side_by_side([torque(begin, finish), angles, speeds, *more], begin, finish)
 
 
 def _check_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:

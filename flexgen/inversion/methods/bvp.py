@@ -28,7 +28,7 @@ from flexgen.inversion.methods.lq import LONGEST
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import from_library, grid, samples
+from flexgen.inversion.sampling import force_samples, from_library, grid, samples
 from flexgen.inversion.settling import trim_after_settling
 from flexgen.runtime.path_inversion import TOLERANCE
 
@@ -43,7 +43,11 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
             "use closed-form"
         )
     library = inversion_library(
-        problem.equations, "bvp", native=bool(problem.options.get("native", False)), progress=problem.progress
+        problem.equations,
+        "bvp",
+        () if problem.force is None else ("bvp", "force"),
+        native=bool(problem.options.get("native", False)),
+        progress=problem.progress,
     )
     n, period, samples_per_interval, n_pre, n_post = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
     found = library.bvp(
@@ -54,6 +58,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         n_post=n_post,
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
+        force=force_samples(problem, period, n),
     )
     solved = from_library(*trim_after_settling(problem, found))
     start, end = found.unstable_zeros_start, found.unstable_zeros_end

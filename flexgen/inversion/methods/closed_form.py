@@ -43,18 +43,21 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     n_pre = int(np.ceil(problem.windows[0] / step)) if kinks else 0
     t = np.r_[-step * np.arange(n_pre, 0, -1), t]
     sample = path.sample(t)
-    reduction = Reduction(equations)
+    reduction = moving = Reduction(equations)
+    if problem.force is not None:
+        moving = Reduction(equations.pushed, problem.force.jets(t))
     if sample.q_g is not None:
-        motion = reduction.joint_motion(sample.q_g)
+        motion = moving.joint_motion(sample.q_g)
     else:
         q = reduction.close(reduction.follow(path, t, reduction.start(path).q_a), reduction.targets(sample))
-        found, _ = reduction.motion(sample, q, np.zeros((len(t), 0)))
+        found, _ = moving.motion(sample, q, np.zeros((len(t), 0)))
         if found is None:
             raise SolverError(f"move {path.move.name}: the path passes a singular pose; choose another path")
         motion = found
     motion = replace(motion, tau_g=_differentiate(motion.tau_g, step)) if kinks else motion
     result = with_motors(equations, t, motion, preactuation=n_pre * step)
-    return replace(_append_equilibrium(equations, result), warnings=slow_gears(problem)) if n_post else result
+    end = problem.at_rest(path.duration)
+    return replace(_append_equilibrium(end, result), warnings=slow_gears(problem)) if n_post else result
 
 
 def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray, int]:

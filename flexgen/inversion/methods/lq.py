@@ -20,7 +20,7 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import from_library, grid, samples
+from flexgen.inversion.sampling import force_samples, from_library, grid, samples
 from flexgen.inversion.settling import SETTLED, trim_after_settling
 from flexgen.runtime.path_inversion import TOLERANCE
 
@@ -31,7 +31,11 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this processor."""
     problem.check_options("lq", "native")
     library = inversion_library(
-        problem.equations, "lq", native=bool(problem.options.get("native", False)), progress=problem.progress
+        problem.equations,
+        "lq",
+        () if problem.force is None else ("invert", "force"),
+        native=bool(problem.options.get("native", False)),
+        progress=problem.progress,
     )
     path = problem.path
     n, period, samples_per_interval, n_pre, n_post = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
@@ -47,6 +51,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
         settled=SETTLED * problem.accuracy,
+        force=force_samples(problem, period, n),
     )
     found, warnings = trim_after_settling(problem, found)
     if problem.limits is not None:

@@ -1,0 +1,149 @@
+"""A known force on the tool along a path: what a process, such as milling, exerts there.
+
+    R(q, v, a) - (J' f)_e = 0,    tau_g = ... - (J' f)_g,    f = (force, torque) on the tool at its origin, world axes
+
+``J`` (6, n_a): Jacobian of the tool. Before the path and after it the force stays as it is at its ends: the arm begins
+and ends in equilibrium with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from flexgen.counts import show_value
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import RobotModel
+from flexgen.simulation.tool_force import CHANNEL, LABELS, UNITS
+from flexgen.torque_curve import spline
+from flexgen.trajectory import Trajectory
+
+STEP, SAMPLES = 2.5e-4, 200_001  # s: between the samples of a function of time, at most; samples, at most
+RESOLVED = 1.0  # interval of a mesh times the angular frequency of a force that it resolves
+EXPECTED = (
+    "an array (n, 3) [N] of samples at equal steps from the start to the end of the path, (n, 6) with moments [N m], "
+    "(n, 2) for a planar robot; a function of the time [s] that returns one; or a Trajectory, or its file, with the "
+    "channel force"
+)
+
+
+@dataclass(frozen=True)
+class ProcessForce:
+    """Force and torque on the tool, (6,) [N, N m] in world axes, between 0 and ``duration`` [s] of a path."""
+
+    curve: PPoly
+    duration: float
+
+    def jets(self, t: np.ndarray) -> np.ndarray:
+        """Value, first and second time derivative at the instants ``t`` (n,) [s]: (n, 18), one after the other."""
+        inside = np.clip(t, 0.0, self.duration)
+        rows = [self.curve(inside), *(self.curve.derivative(k)(inside) for k in (1, 2))]
+        still = (t < 0.0) | (t > self.duration)
+        for row in rows[1:]:
+            row[still] = 0.0
+        return np.hstack(rows)
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Values at the instants ``t`` (n,) [s], (n, 6)."""
+        return np.asarray(self.curve(np.clip(t, 0.0, self.duration)))
+
+    def on_output(self, model: RobotModel, t: np.ndarray) -> np.ndarray:
+        """The force on the output, dual to its rates, and two derivatives (n, 3 n_y); ArgumentError for other outputs."""
+        output, jets = model.output, self.jets(t)
+        if output.type == "combination":
+            raise ArgumentError(
+                f"force: given for the output of model {model.name}, combinations of joints, expected one of the tool"
+            )
+        rows = list(range(6)) if output.type == "tool_pose" else ["xyz".index(axis) for axis in output.axes]
+        for k in set(range(6)) - set(rows):
+            if np.abs(jets[:, k]).max() > 0.0:
+                raise ArgumentError(
+                    f"force: given {LABELS[k]} up to {np.abs(jets[:, k]).max():.4g} {UNITS[k]}, expected zero: the "
+                    f"output of model {model.name} is the position {' '.join(output.axes)}"
+                )
+        return np.hstack([jets[:, 6 * order :][:, rows] for order in range(3)])
+
+    @property
+    def resolving(self) -> float:
+        """Longest interval [s] of a mesh that resolves the force; infinite for a constant one."""
+        jets = self.jets(np.linspace(0.0, self.duration, 2001))
+        size = np.ptp(jets[:, :6], axis=0).max() / 2
+        bend = np.abs(jets[:, 12:18])
+        fastest = np.percentile(bend.max(axis=1), 99) if size > 0.0 else 0.0
+        return float(RESOLVED * np.sqrt(size / fastest)) if fastest > 0.0 else np.inf
+
+    def channel(self, t: np.ndarray) -> tuple[str, np.ndarray, tuple[str, ...], str, tuple[str, ...]]:
+        """The row of a trajectory: name, values (n, 6), units, meaning, labels."""
+        return CHANNEL, self.at(t), UNITS, "force and torque on the tool, world axes", LABELS
+
+
+def process_force(given: Any, model: RobotModel, duration: float) -> ProcessForce:
+    """The force along a path of this duration [s] from what a user gives: see `EXPECTED`; ArgumentError otherwise."""
+    if isinstance(given, str | Path | Trajectory):
+        t, values = _from_trajectory(Trajectory.load(given) if isinstance(given, str | Path) else given, duration)
+    elif callable(given):
+        t, values = _from_function(given, duration)
+    else:
+        values = _numbers(given)
+        t = np.linspace(0.0, duration, len(values))
+    return ProcessForce(spline(t, _wrench(values, model)), duration)
+
+
+def _numbers(given: Any) -> np.ndarray:
+    """Samples (n, k), n at least 2; ArgumentError for anything else."""
+    try:
+        values = np.asarray(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        values = np.zeros(0)
+    if values.ndim != 2 or len(values) < 2:
+        shown = f"an array of shape {np.shape(given)}" if isinstance(given, np.ndarray) else show_value(given)
+        raise ArgumentError(f"force: given {shown}, expected {EXPECTED}")
+    return values
+
+
+def _from_function(given: Callable[[np.ndarray], Any], duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Instants on the path and the values of a function of time."""
+    t = np.linspace(0.0, duration, int(np.clip(np.ceil(duration / STEP), 400, SAMPLES - 1)) + 1)
+    values = _numbers(given(t))
+    if len(values) != len(t):
+        raise ArgumentError(
+            f"force: given a function that returns {len(values)} rows for {len(t)} instants, expected a row for each: "
+            "f(t) with t (n,) [s] returns (n, 3)"
+        )
+    return t, values
+
+
+def _from_trajectory(data: Trajectory, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Instants and values of the channel of a trajectory; it covers the path."""
+    if CHANNEL not in data:
+        raise ArgumentError(f"force: given a trajectory with {', '.join(data)}, expected the channel {CHANNEL}")
+    units, wanted = data.units[CHANNEL], UNITS[: len(data.units[CHANNEL])]
+    if tuple(units) != wanted:
+        raise ArgumentError(f"force: given in {', '.join(units)}, expected {', '.join(wanted)}")
+    slack = 1e-9 * duration
+    if data.time[0] > slack or data.time[-1] < duration - slack:
+        raise ArgumentError(
+            f"force: given from {data.time[0]:.4g} to {data.time[-1]:.4g} s, expected at least from 0 to "
+            f"{duration:.4g} s, the path"
+        )
+    return data.time, np.asarray(data[CHANNEL], float)
+
+
+def _wrench(values: np.ndarray, model: RobotModel) -> np.ndarray:
+    """Samples (n, 6) from those of a user; ArgumentError for a wrong number of columns, NaN or infinity."""
+    axes, out = model.output.axes, np.zeros((len(values), 6))
+    planar = len(axes) == 2
+    columns = {3: [0, 1, 2], 6: list(range(6))} | ({2: ["xyz".index(axis) for axis in axes]} if planar else {})
+    if values.shape[1] not in columns:
+        raise ArgumentError(f"force: given {values.shape[1]} columns, expected {EXPECTED}")
+    if not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+        raise ArgumentError(f"force: given NaN or infinity in row {row}, expected finite numbers")
+    out[:, columns[values.shape[1]]] = values
+    return out
+
