@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from flexgen.runtime.path_inversion import Inversion
 
 SAMPLES = 900_000  # at most
+COARSEST, PER_INTERVAL = 1e-2, 8  # s: the longest interval; samples of each with a force, under which motors reverse
 
 
 def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int]:
@@ -26,15 +27,16 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     before, after = problem.windows
     if problem.mesh is None and problem.limits is None:
         h = min(h, max(problem.resolving, problem.step))
-    if problem.force is not None and problem.mesh is None:
-        h = min(h, max(problem.force.resolving, problem.step))
+    step = problem.step
+    if problem.force is not None:
+        if problem.mesh is None:  # finer with the mesh that is asked for
+            h = min(h, problem.force.resolving * h / COARSEST)
+        step = min(problem.sampling, h / PER_INTERVAL)
     if problem.preview is not None:
         before = float(problem.preview)
     gears = [c.dof.gear for c in problem.equations.model.coordinates if c.dof is not None and c.dof.gear is not None]
     linear = all(gear.rigid or isinstance(gear.spring, LinearSpring) for gear in gears)
-    step = (
-        problem.step if linear else problem.step / 2
-    )  # where a gear's stiffness changes, its deflection is less smooth
+    step = step if linear else step / 2  # where a gear's stiffness changes, its deflection is less smooth
     steps = int(np.ceil(duration / min(step, h) - 1e-9))
     whole = (duration + before + after) / duration
     if whole * steps > SAMPLES:

@@ -38,7 +38,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
             f"method closed-form: model {equations.model.name} has {equations.model.n_e} non-actuated coordinates, "
             "expected none; use lq"
         )
-    t, n_post = instants(path.duration, problem.step, problem.gear_settling)
+    t, n_post = instants(path.duration, problem.sampling, problem.gear_settling)
     step, kinks = t[1] - t[0], problem.smoothness.has_kinks
     n_pre = int(np.ceil(problem.windows[0] / step)) if kinks else 0
     t = np.r_[-step * np.arange(n_pre, 0, -1), t]
