@@ -128,6 +128,7 @@ solve MODEL | solve:solve | solve
         @moves
         fastest: with the fastest time law within the limits; 'flexgen fastest' has further options
         fixed_joint NAME: of an arm with more motors than outputs: the joint that keeps its value in a move of the tool
+        force FILE: force of a process on the tool along the move [N]: a trajectory with the channel force (.csv, .npz)
     method
         @method
         no_verify: skip the verification by forward simulation

@@ -154,10 +154,8 @@ class LibrarySpec:
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : tuple of Parameter
         Numbers that are arguments of the functions instead of constants.
-    per_point : bool
-        Batches take one vector of them for each point, and not one for all.
-    force : bool
-        Inverse dynamics along paths takes forces on the output.
+    per_point, force : bool
+        Batches take one vector of them for each point, not one for all; inversion takes forces on the output.
     c_functions : tuple of CFunction
         Hand-written functions that come with the library.
     motor_constants : MotorConstants, optional

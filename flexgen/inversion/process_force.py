@@ -82,7 +82,7 @@ class ProcessForce:
         return CHANNEL, self.at(t), UNITS, "force and torque on the tool, world axes", LABELS
 
 
-def process_force(given: Any, model: RobotModel, duration: float) -> ProcessForce:
+def make_force(given: Any, model: RobotModel, duration: float) -> ProcessForce:
     """The force along a path of this duration [s] from what a user gives: see `EXPECTED`; ArgumentError otherwise."""
     if isinstance(given, str | Path | Trajectory):
         t, values = _from_trajectory(Trajectory.load(given) if isinstance(given, str | Path) else given, duration)

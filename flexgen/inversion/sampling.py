@@ -67,7 +67,7 @@ def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np
     )  # type: ignore[return-value]
 
 
-def force_samples(problem: InversionProblem, period: float, n: int) -> np.ndarray | None:
+def sample_force(problem: InversionProblem, period: float, n: int) -> np.ndarray | None:
     """Force on the output and two derivatives (n, 3 n_y) at n samples of a path; None where there is none."""
     if problem.force is None:
         return None

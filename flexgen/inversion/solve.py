@@ -168,9 +168,9 @@ def _problem(
         move, limits = find_function("Move.fastest")(equations.model, move, limits, log or False), None
     equations, path = problem_of_move(equations, find_move(equations.model, move), fixed_joint, log)
     if force is not None:
-        from flexgen.inversion.process_force import process_force
+        from flexgen.inversion.process_force import make_force
 
-        force = process_force(force, equations.model, path.duration)
+        force = make_force(force, equations.model, path.duration)
     return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options, force)
 
 

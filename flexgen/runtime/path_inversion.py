@@ -134,6 +134,7 @@ class Inverter:
         self._parameters, self._real = parameters, parameters.dtype
         self._entry, self._work, self._failures = entry, work, failures
         self._function, self._can_settle = function, function != "bvp"
+        self._takes_force = any(name == "force" for name, *_ in self._structs["samples"]._fields_)
         self._grows = False  # with the function growth in the library
         self.entry_many: Callable[..., int] | None = None  # of many problems
         self._pool: list[np.ndarray] = []
@@ -152,6 +153,7 @@ class Inverter:
     def __repr__(self) -> str:
         defaults = (type(self).__call__.__kwdefaults__ or {}) | {"tolerance": tolerance_of(self._real)}
         shown = {name: repr(x) if isinstance(x, bool | str | None) else f"{x:g}" for name, x in defaults.items()}
+        shown = {name: x for name, x in shown.items() if name != "force" or self._takes_force}
         options = [f"{name}={x}" for name, x in shown.items() if name != "parameters" or self._parameters.size]
         return f"{self._function}(y, dy, ddy, *, period, q_start, {', '.join(options)})"
 
@@ -332,7 +334,7 @@ class Inverter:
         n_y, n_t = self._sizes["n_y"], self._sizes["n_t"]
         columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
         if force is not None:
-            if not any(name == "force" for name, *_ in self._structs["samples"]._fields_):
+            if not self._takes_force:
                 raise ArgumentError(
                     f"{self._function}, force: given to a library without forces, expected one that was generated with "
                     'parts=["force"] (--parts force)'

@@ -50,6 +50,7 @@ class StreamEntries:
     model_parameters: np.ndarray
     failures: Failures
     again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
+    push: Callable[..., int] | None = None  # takes forces on the output
     closed: threading.Event = field(default_factory=threading.Event)
 
     @property
@@ -369,6 +370,36 @@ class Stream:
         finally:
             self._lock.release()
 
+    def set_force(self, force: Any) -> None:
+        """Set the force on the output at the next sample of the path, and at those after it until it is set again.
+
+        A stream starts without a force. Set the force of each sample before its update; one that begins with a step
+        cannot be followed exactly.
+
+        Parameters
+        ----------
+        force : array (3 n_y,)
+            Dual to ``dy``: of a pose force [N], then torque [N m] on the tool, in world axes; then its first and its
+            second time derivative.
+
+        Raises
+        ------
+        ArgumentError
+            Where the library was generated without the part ``"force"``, or a number is not finite.
+        """
+        self._entries.refuse_closed()
+        if self._entries.push is None:
+            raise ArgumentError(
+                "stream: given a force, expected a library that was generated with parts=['force'] (--parts force)"
+            )
+        values = array_of("stream", "force", force, (3 * self._sizes["n_y"],), self._entries.real)
+        if not self._lock.acquire(blocking=False):
+            raise ArgumentError("stream: given a force while an update runs, expected one after the other")
+        try:
+            self._refuse(int(self._entries.push(ctypes.byref(self._stream), pointer(values))))
+        finally:
+            self._lock.release()
+
     def _refuse(self, status: int) -> None:
         """Raise what a negative status means."""
         if status < 0:
@@ -385,7 +416,8 @@ def streams_of(
 ) -> StreamEntries | None:
     """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
     names = ("stream_work", "stream_start", "stream_start_moving", "stream_update", "stream_limits")
-    if not set(names) <= {row["name"] for row in manifest.get("c_functions", ())}:
+    offered = {row["name"] for row in manifest.get("c_functions", ())}
+    if not set(names) <= offered:
         return None
     work, start, moving, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
@@ -402,6 +434,7 @@ def streams_of(
         parameters,
         failures,
         again,
+        found(f"{manifest['name']}_stream_force") if "stream_force" in offered else None,
     )
 
 

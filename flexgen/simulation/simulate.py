@@ -319,9 +319,9 @@ def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
     angles = then_constant(angles, samples[-1])
     more = []
     if "force" in task.given:
-        from flexgen.simulation.tool_force import force_curve
+        from flexgen.simulation.tool_force import interpolate_force
 
-        more = [force_curve(task.data.time, task.given["force"])]
+        more = [interpolate_force(task.data.time, task.given["force"])]
         angles, speeds = (constant(0.0 * samples[0], *angles.x[[0, -1]]),) * 2 if feedback is None else (angles, speeds)
     return lambda begin, finish: side_by_side([torque(begin, finish), angles, speeds, *more], begin, finish)
 

@@ -26,7 +26,7 @@ def read_force(data: Trajectory) -> np.ndarray:
     return values
 
 
-def force_curve(t: np.ndarray, samples: np.ndarray) -> PPoly:
+def interpolate_force(t: np.ndarray, samples: np.ndarray) -> PPoly:
     """The quintic spline through samples at the instants ``t`` (n,) [s], then constant."""
     own = samples[: len(t)]
     return then_constant(spline(t, own), own[-1])

@@ -126,7 +126,7 @@ PARAMETERS = {
     "identification/experiments/plan.py excite": 17,  # a verb
     "identification/graybox.py identify": 16,  # a verb
     "identification/motion_fit.py fit_motion": 10,  # a verb
-    "inversion/solve.py solve": 17,  # a verb
+    "inversion/solve.py solve": 18,  # a verb; the force of a process is data of the problem, beside the move
     "library/generate.py generate": 15,  # a verb
     "loop/closed_loop.py __init__": 15,  # robots, drives and noise are given apart by five callers with other choices
     "loop/control.py control": 14,  # a verb
@@ -139,7 +139,7 @@ PARAMETERS = {
     "runtime/calls.py __init__": 11,  # a public class; the arguments are the entries of the manifest
     "runtime/library.py stream": 11,  # a method of a public class
     "runtime/limited_inversion.py __call__": 18,  # the members of the options in C
-    "runtime/path_inversion.py __call__": 14,  # the members of the options in C
+    "runtime/path_inversion.py __call__": 15,  # the members of the samples and of the options in C
     "runtime/stream.py __init__": 13,  # the options of `Library.stream`
     "simulation/simulate.py simulate": 9,  # a verb
 }

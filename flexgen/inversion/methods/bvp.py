@@ -28,7 +28,7 @@ from flexgen.inversion.methods.lq import LONGEST
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import force_samples, from_library, grid, samples
+from flexgen.inversion.sampling import from_library, grid, sample_force, samples
 from flexgen.inversion.settling import trim_after_settling
 from flexgen.runtime.path_inversion import TOLERANCE
 
@@ -58,7 +58,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         n_post=n_post,
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
-        force=force_samples(problem, period, n),
+        force=sample_force(problem, period, n),
     )
     solved = from_library(*trim_after_settling(problem, found))
     start, end = found.unstable_zeros_start, found.unstable_zeros_end

@@ -20,7 +20,7 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import force_samples, from_library, grid, samples
+from flexgen.inversion.sampling import from_library, grid, sample_force, samples
 from flexgen.inversion.settling import SETTLED, trim_after_settling
 from flexgen.runtime.path_inversion import TOLERANCE
 
@@ -51,7 +51,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
         settled=SETTLED * problem.accuracy,
-        force=force_samples(problem, period, n),
+        force=sample_force(problem, period, n),
     )
     found, warnings = trim_after_settling(problem, found)
     if problem.limits is not None:
