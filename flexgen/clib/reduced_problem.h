@@ -471,6 +471,48 @@ static inline int follow_kinematics(problem_points *p, const joint_motion *joint
 }
 
 #if MODEL_FORCE
+#if MODEL_NE > 0
+/*
+ * Take d(W' F)/dq off the derivatives of the rows without motor. Of a pose, with the columns (v, w) of W in the order
+ * of a chain, dv_i/dq_j = w_a x v_b, a = min(i, j), b = max(i, j), and dw_i/dq_j = w_j x w_i for j < i, else 0. Of
+ * other outputs it is left out: Newton's method needs no exact derivatives, and a force is small against the stiffness.
+ */
+static inline void take_force_stiffness(problem_points *p)
+{
+#if MODEL_POSE
+    EACH (l) {
+        lanes F[6], turned[NA][3], twisted[NA][3];
+        for (int k = 0; k < 6; ++k) {
+            F[k] = load_v(&p->force[k][l]);
+        }
+        for (int i = 0; i < NA; ++i) {
+            for (int k = 0; k < 3; ++k) { /* F x w and M x w */
+                const int m = (k + 1) % 3, n = (k + 2) % 3;
+                const lanes w_m = load_v(&p->W[i][3 + m][l]), w_n = load_v(&p->W[i][3 + n][l]);
+                turned[i][k] = F[m] * w_n - F[n] * w_m;
+                twisted[i][k] = F[3 + m] * w_n - F[3 + n] * w_m;
+            }
+        }
+        for (int i = 0; i < NE; ++i) {
+            for (int j = 0; j < NA; ++j) {
+                const int a = j < i_e[i] ? j : i_e[i], b = j < i_e[i] ? i_e[i] : j;
+                lanes sum = load_v(&p->row_q[j][i][l]);
+                for (int k = 0; k < 3; ++k) {
+                    sum -= turned[a][k] * load_v(&p->W[b][k][l]);
+                    if (j < i_e[i]) {
+                        sum -= twisted[j][k] * load_v(&p->W[b][3 + k][l]);
+                    }
+                }
+                store_v(&p->row_q[j][i][l], sum);
+            }
+        }
+    }
+#else
+    (void)p;
+#endif
+}
+
+#endif
 /* Take W' F off the rows `of` the coordinates with these indices, n of them. */
 static inline void take_force(const problem_points *p, points *rows, const int *of, int n)
 {
@@ -596,7 +638,8 @@ static inline int reduced_jacobians(problem_points *p, real *space)
         return inner_status(status);
     }
 #if MODEL_FORCE
-    take_force(p, p->row, i_e, NE); /* its derivatives are left out: a force is small against the stiffness */
+    take_force(p, p->row, i_e, NE);
+    take_force_stiffness(p);
 #endif /* MODEL_FORCE */
     elastic_columns(p->W, p->T);
     solve_columns(p, p->T, p->S);

@@ -30,7 +30,7 @@ LONGEST_SETTLING = 5.0  # s
 ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
 HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
-REVERSALS = 16.0  # samples of the torque in the longest interval that resolves a force
+REVERSALS = 8.0  # samples of the torque in the longest interval that resolves a force
 POSES = 5  # along the path, where its zeros are computed
 ACCELERATION = 100.0  # rad/s^2 or m/s^2: scale of accelerations
 

@@ -24,7 +24,7 @@ from flexgen.torque_curve import spline
 from flexgen.trajectory import Trajectory
 
 STEP, SAMPLES = 2.5e-4, 200_001  # s: between the samples of a function of time, at most; samples, at most
-RESOLVED = 0.5  # interval of a mesh times the angular frequency of a force that it resolves
+RESOLVED = 0.25  # interval of a mesh times the angular frequency of a force that it resolves
 EXPECTED = (
     "an array (n, 3) [N] of samples at equal steps from the start to the end of the path, (n, 6) with moments [N m], "
     "(n, 2) for a planar robot; a function of the time [s] that returns one; or a Trajectory, or its file, with the "

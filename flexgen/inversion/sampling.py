@@ -25,12 +25,13 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     """Samples on the path, their period [s], samples an interval of about ``h`` [s], samples before and after."""
     duration = problem.path.duration
     before, after = problem.windows
+    refined = min(h / COARSEST, 1.0)
     if problem.mesh is None and problem.limits is None:
         h = min(h, max(problem.resolving, problem.step))
     step = problem.step
     if problem.force is not None:
         if problem.mesh is None:  # finer with the mesh that is asked for
-            h = min(h, problem.force.resolving * h / COARSEST)
+            h = min(h, problem.force.resolving * refined)
         step = min(problem.sampling, h / PER_INTERVAL)
     if problem.preview is not None:
         before = float(problem.preview)

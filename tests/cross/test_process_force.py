@@ -247,11 +247,12 @@ def test_six_axes_within_a_micrometer():
     solution = flexgen.solve(equations, force=force, accuracy=1e-6, ignore_limits=True, progress=False)
     assert solution.status == "solved" and solution.tool_error_max_m < 1e-6
     path = solution.trajectory
-    wrong = flexgen.simulate(equations, with_force(path, 1.2 * path["force"], path)).tool_error_max_m
     free = flexgen.solve(equations, ignore_limits=True, progress=False).trajectory
     values = make_force(force, equations.model, duration_of(equations)).at(free.time)
-    alone = flexgen.simulate(equations, with_force(free, values, path)).tool_error_max_m
-    assert alone > 6e-4 and wrong < 0.25 * alone
+    # with motor feedback: in open loop the friction of motors that reverse at other times makes them drift
+    cases = with_force(free, values, path), with_force(path, 1.2 * path["force"], path)
+    alone, wrong = (flexgen.simulate(equations, case, feedback="ppi").tool_error_max_m for case in cases)
+    assert alone > 4e-4 and wrong < 0.25 * alone
 
 
 def test_two_methods_agree():
