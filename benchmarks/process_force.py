@@ -18,10 +18,10 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 import flexgen
-from flexgen.inversion.process_force import ProcessForce, make_force
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
 from flexgen.mechanics.equations import Equations
+from flexgen.paths.process_force import ProcessForce, make_force
 from flexgen.trajectory import Trajectory
 
 ROBOTS = {"planar5_nmp": (0.6, 0.8), "manutec_r3_24": (0.6, 0.48, 0.64)}
@@ -71,7 +71,9 @@ def cost(equations: Equations, force: ProcessForce) -> tuple[float, float]:
     F = force.on_output(equations.model, t)
     with tempfile.TemporaryDirectory() as folder:
         pushed, plain = (
-            flexgen.load(flexgen.generate(equations.model, f"{folder}/{len(parts)}", parts=parts, progress=False).directory)
+            flexgen.load(
+                flexgen.generate(equations.model, f"{folder}/{len(parts)}", parts=parts, progress=False).directory
+            )
             for parts in (["force"], [])
         )
         calls = [lambda: pushed.invert(*given, force=F, **options), lambda: pushed.invert(*given, **options)]

@@ -18,11 +18,11 @@ enum {
     POINTS = BLOCK,
     STAGES = 3,
 #if MODEL_FORCE
-    FORCES = 3 * NY, /* force on the output, dual to dy, and its first two time derivatives */
+    FORCES = 3 * NY,                 /* force on the output, dual to dy, and its first two time derivatives */
     REFERENCE = NT + 2 * NY + FORCES /* numbers of a path sample: y, dy, ddy, forces */
-#else /* MODEL_FORCE */
+#else                                /* MODEL_FORCE */
     REFERENCE = NT + 2 * NY /* numbers of a path sample: y, dy, ddy */
-#endif /* MODEL_FORCE */
+#endif                               /* MODEL_FORCE */
 };
 
 static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.8872983346207417};
@@ -119,7 +119,7 @@ static inline ptrdiff_t function_work(void)
 {
 #if MODEL_FORCE
     return MODEL_INVERSION_SPACE + BLOCK + MODEL_PARAMETERS + FORCES;
-#else /* MODEL_FORCE */
+#else  /* MODEL_FORCE */
     return MODEL_INVERSION_SPACE + BLOCK + MODEL_PARAMETERS;
 #endif /* MODEL_FORCE */
 }

@@ -48,7 +48,7 @@ static inline int settling_at(const real *target, problem_points *arm, settling 
     }
     load_force(arm, space);
     evaluate_constraint(arm, space); /* W */
-#endif /* MODEL_FORCE */
+#endif                               /* MODEL_FORCE */
     for (int begin = 0; begin <= NA; begin += POINTS) {
         int status;
         for (int i = 0; i < NA; ++i) {

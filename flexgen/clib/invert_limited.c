@@ -495,7 +495,7 @@ static model_status invert_deviated(
 {
 #if MODEL_FORCE
     const model_samples deviated = {m->n, call->p->period, m->y, m->dy, m->ddy, call->p->force};
-#else /* MODEL_FORCE */
+#else  /* MODEL_FORCE */
     const model_samples deviated = {m->n, call->p->period, m->y, m->dy, m->ddy};
 #endif /* MODEL_FORCE */
 #if MODEL_PARAMETERS > 0

@@ -215,7 +215,7 @@ static inline void between_samples(const real *samples, real period, real x, rea
 #if MODEL_FORCE
     real force[2 * FORCES];
     const model_samples two = {2, period, y, dy, ddy, force};
-#else /* MODEL_FORCE */
+#else  /* MODEL_FORCE */
     const model_samples two = {2, period, y, dy, ddy};
 #endif /* MODEL_FORCE */
     for (int j = 0; j < 2; ++j) {

@@ -40,7 +40,7 @@ typedef struct {
     points tau_g[NG];
 #if MODEL_FORCE
     points force[NY]; /* on the output, dual to dy */
-#endif /* MODEL_FORCE */
+#endif                /* MODEL_FORCE */
 #if MODEL_NE > 0
     points row[NE], row_q[NA][NE], row_v[NA][NE], row_a[NA][NE];
     points y1_q[NA][NY], y2_q[NA][NY], y2_v[NA][NY];
@@ -547,8 +547,8 @@ static inline int evaluate_rows(problem_points *arm, real *space)
         POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space);
     take_force(arm, arm->row, i_e, NE);
 #else
-    const int status =
-        evaluate_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space);
+    const int status = evaluate_inversion_rows_batch(
+        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space);
 #endif
     take_force(arm, arm->tau_g, i_g, NG);
     return inner_status(status);

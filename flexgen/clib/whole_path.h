@@ -832,7 +832,7 @@ static inline int rest_at_samples(
         load_reference(arm, l, reference);
     }
     evaluate_constraint(arm, space); /* W */
-#endif /* MODEL_FORCE */
+#endif                               /* MODEL_FORCE */
     status = evaluate_rows(arm, space);
     if (status != MODEL_OK) {
         return status;

@@ -35,7 +35,8 @@ KERNEL = (
     "undefine.h",
 )  # of every library
 _FORCE = re.compile(
-    r"^#if MODEL_FORCE\n(.*?)(?:^#else /\* MODEL_FORCE \*/\n(.*?))?^#endif /\* MODEL_FORCE \*/\n", re.DOTALL | re.MULTILINE
+    r"^#if MODEL_FORCE\n(.*?)(?:^#else +/\* MODEL_FORCE \*/\n(.*?))?^#endif +/\* MODEL_FORCE \*/\n",
+    re.DOTALL | re.MULTILINE,
 )
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
 _LITERAL = re.compile(r"(?<![\w.])(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?![\w.])")  # of a double

@@ -337,8 +337,8 @@ _FORCE = Field(
     "const real *",
     ("n", "3 * n_y"),
     "mixed",
-    "force on the output, dual to dy: of a pose force [N], then torque [N m] on the tool, world axes; then its first and "
-    "its second time derivative. Before the first and after the last sample it stays as it is there. Null: none",
+    "force on the output, dual to dy: of a pose force [N], then torque [N m] on the tool, world axes; then its first "
+    "and its second time derivative. Before the first and after the last sample it stays as it is there. Null: none",
 )
 
 

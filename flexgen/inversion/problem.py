@@ -17,7 +17,7 @@ from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_time
 from flexgen.paths.path import Path
 
 if TYPE_CHECKING:
-    from flexgen.inversion.process_force import ProcessForce
+    from flexgen.paths.process_force import ProcessForce
     from flexgen.paths.smoothness import SmoothnessReport
 
 STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them

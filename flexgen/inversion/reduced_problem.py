@@ -48,7 +48,7 @@ class Reduction:
     """The reduced problem of a model whose outputs are as many as its motors."""
 
     def __init__(self, equations: Equations, force: np.ndarray | None = None) -> None:
-        """``force`` (n, 18): force and torque on the tool of ``equations.pushed`` and two derivatives, at n instants."""
+        """``force`` (n, 18): on the tool of ``equations.pushed``, with two derivatives, at n instants."""
         model = equations.model
         self._force = [] if force is None else np.split(force, 3, axis=1)
         reason = model.inversion_obstacle()

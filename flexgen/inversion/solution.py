@@ -20,7 +20,6 @@ from flexgen.simulation.result import Simulation, error_figures, error_lines
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
-FORCE_CHANNEL = "force"  # where a process exerts one on the tool
 STATE_CHANNELS = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
 
@@ -254,8 +253,8 @@ def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
     from flexgen.simulation.growth import Motion
     from flexgen.simulation.residual import midpoint_residual
 
-    force = trajectory[FORCE_CHANNEL] if FORCE_CHANNEL in trajectory else None
-    motion = Motion(trajectory.time, *(trajectory[name] for name in STATE_CHANNELS), force)
+    names, channels = (*STATE_CHANNELS, "force"), trajectory.channels
+    motion = Motion(trajectory.time, **{name: channels[name] for name in names if name in channels})
     rows = midpoint_residual(equations, motion, trajectory.meta.get("torque") == "limited")
     return np.abs(rows).max(axis=0)
 

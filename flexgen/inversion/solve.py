@@ -46,7 +46,9 @@ TIME_LIMIT = 120.0  # s
 FURTHER = 60.0  # s: "auto" starts no further method after this time
 
 
-@checked_types(own=("method", "preview", "mesh", "limits", "accuracy", "hold", "sample_time", "delay", "time_limit", "force"))
+@checked_types(
+    own=("method", "preview", "mesh", "limits", "accuracy", "hold", "sample_time", "delay", "time_limit", "force")
+)
 @reported("solve")
 def solve(
     model: str | FilePath | RobotModel | Equations,
@@ -78,22 +80,19 @@ def solve(
         A move of the model file; default: its first.
     method : str
         A name of `flexgen.inversion.method_table.method_names`, or ``"auto"``: "full" for complete motor coupling and
-        springs with a kink; "lq" with limits; else "closed-form" without non-actuated coordinates, and "lq" with them
-        (without a C compiler "full" and "collocation"). If it fails, finer meshes are tried, then for a minute "lq"
-        after "closed-form", "bvp" and "collocation" after "lq", "full" up to 8 coordinates: ``details["attempts"]``.
+        springs with a kink; "lq" with limits or non-actuated coordinates, else "closed-form" (without a C compiler
+        "full", "collocation"). If it fails, finer meshes and other methods are tried: ``details["attempts"]``.
     preview : float, optional [s]
         How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`.
     mesh : float, optional [s]
         Length of the intervals or steps; default: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
-        Bounds on motor torque, motor speed and deflection: "lq" modifies the path and inverts the modified path,
-        "full" and "collocation" optimize torque and tool error together.
+        On motor torque, speed, deflection: "lq" modifies the path; "full", "collocation" optimize torque and error.
     verify, accuracy : bool, float [rad, and m for each meter of reach, at most m]
         Simulate the full model and measure the error; meshes are refined until it is at most ``accuracy``.
-    hold : str
-        Output of the controller between its samples: ``"spline"``, ``"linear"``, ``"zoh"``; see ``torque_command``.
-    sample_time, delay : float [s]
-        Of the controller (default: 1 ms); from its tick to the instant at which the motor has the torque.
+    hold, sample_time, delay : str, float [s]
+        Output of the controller between its samples: ``"spline"``, ``"linear"``, ``"zoh"``; see ``torque_command``; its
+        sample time (default: 1 ms); from its tick to the instant at which the motor has the torque.
     time_limit : float or None [s]
         After it, or Ctrl-C, the best solution so far is returned, with the reason in ``stopped``; None or 0: no limit.
     ignore_limits : bool
@@ -102,9 +101,8 @@ def solve(
         Keeps its value in a move of the tool, of an arm with more motors than outputs: see `flexgen.paths.redundancy`.
     fastest : bool
         Old (a DeprecationWarning): the fastest time law within ``limits``; now ``solve(model, fastest(model).move)``.
-    force : array (n, 3), function of time, Trajectory or file, optional [N]
-        What a process exerts on the tool, world axes: samples at equal steps from the start to the end of the path;
-        (n, 6) with moments [N m], (n, 2) of a planar robot. Before and after the path it stays as it is at its ends.
+    force : array (n, 3), function of time [s], Trajectory or file, optional [N]
+        What a process exerts on the tool, world axes; also (n, 6) with moments [N m], or (n, 2) in the plane.
     progress : callable or bool, optional
         Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
@@ -168,7 +166,7 @@ def _problem(
         move, limits = find_function("Move.fastest")(equations.model, move, limits, log or False), None
     equations, path = problem_of_move(equations, find_move(equations.model, move), fixed_joint, log)
     if force is not None:
-        from flexgen.inversion.process_force import make_force
+        from flexgen.paths.process_force import make_force
 
         force = make_force(force, equations.model, path.duration)
     return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options, force)

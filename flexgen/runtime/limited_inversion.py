@@ -66,14 +66,15 @@ class LimitedInverter(Inverter):
         settled: float = 0.0,
         growth: bool = False,
         parameters: Any = None,
+        force: Any = None,
     ) -> Inversion:
         """Motion and torques within limits, for the path itself or the smallest deviation from it.
 
         Parameters
         ----------
         y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
-            As of `Library.invert`, like ``parameters``. The deviation is zero at the first and the last sample: repeat
-            these at rest where the motion may take longer than the path.
+            As of `Library.invert`, like ``parameters`` and ``force``. The deviation is zero at the first and the last
+            sample: repeat these at rest where the motion may take longer than the path.
         torque_max : array (n_m,), optional
             Largest motor torques [N m].
         speed_max : array (n_m,), optional
@@ -97,7 +98,7 @@ class LimitedInverter(Inverter):
         """
         self._refuse_closed()
         function, sizes = self._function, self._sizes
-        given = self._samples(y, dy, ddy)
+        given = self._samples(y, dy, ddy, force)
         q = array_of(function, "q_start", q_start, (sizes["n_a"],), self._real)
         limits: dict[str, Any] = {}
         for name, x, size in (

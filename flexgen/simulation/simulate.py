@@ -95,7 +95,7 @@ def _read_channels(
             )
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     if "force" in data.channels:
-        from flexgen.simulation.tool_force import read_force
+        from flexgen.paths.tool_force import read_force
 
         found["force"] = read_force(data)
     warnings = []
@@ -319,7 +319,7 @@ def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
     angles = then_constant(angles, samples[-1])
     more = []
     if "force" in task.given:
-        from flexgen.simulation.tool_force import interpolate_force
+        from flexgen.paths.tool_force import interpolate_force
 
         more = [interpolate_force(task.data.time, task.given["force"])]
         angles, speeds = (constant(0.0 * samples[0], *angles.x[[0, -1]]),) * 2 if feedback is None else (angles, speeds)

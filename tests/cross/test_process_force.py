@@ -18,9 +18,9 @@ from flexgen.codegen import clib_files
 from flexgen.errors import ArgumentError
 from flexgen.exports.mujoco import mjcf
 from flexgen.exports.mujoco_checks import with_friction
-from flexgen.inversion.process_force import make_force
 from flexgen.mechanics.statics import hold_motors
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.process_force import make_force
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
@@ -160,7 +160,10 @@ def test_the_rows_of_the_emitted_library(tmp_path, solver):
 
 
 PLANTED = {
-    "sign": ("sum -= load_v(&p->W[of[i]][j][l]) * load_v(&p->force", "sum += load_v(&p->W[of[i]][j][l]) * load_v(&p->force"),
+    "sign": (
+        "sum -= load_v(&p->W[of[i]][j][l]) * load_v(&p->force",
+        "sum += load_v(&p->W[of[i]][j][l]) * load_v(&p->force",
+    ),
     "gears": ("    take_force(arm, arm->tau_g, i_g, NG);\n", ""),
     "rows": ("    take_force(arm, arm->row, i_e, NE);\n", ""),
 }

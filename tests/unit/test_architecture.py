@@ -138,7 +138,7 @@ PARAMETERS = {
     "planning/problem.py solve": 9,  # a method of a public class
     "runtime/calls.py __init__": 11,  # a public class; the arguments are the entries of the manifest
     "runtime/library.py stream": 11,  # a method of a public class
-    "runtime/limited_inversion.py __call__": 18,  # the members of the options in C
+    "runtime/limited_inversion.py __call__": 19,  # the members of the samples and of the options in C
     "runtime/path_inversion.py __call__": 15,  # the members of the samples and of the options in C
     "runtime/stream.py __init__": 13,  # the options of `Library.stream`
     "simulation/simulate.py simulate": 9,  # a verb

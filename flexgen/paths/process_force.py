@@ -19,7 +19,7 @@ from scipy.interpolate import PPoly
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
-from flexgen.simulation.tool_force import CHANNEL, LABELS, UNITS
+from flexgen.paths.tool_force import CHANNEL, LABELS, UNITS
 from flexgen.torque_curve import spline
 from flexgen.trajectory import Trajectory
 
@@ -53,7 +53,7 @@ class ProcessForce:
         return np.asarray(self.curve(np.clip(t, 0.0, self.duration)))
 
     def on_output(self, model: RobotModel, t: np.ndarray) -> np.ndarray:
-        """The force on the output, dual to its rates, and two derivatives (n, 3 n_y); ArgumentError for other outputs."""
+        """Force on the output, dual to its rates, and two derivatives, (n, 3 n_y); ArgumentError where it has none."""
         output, jets = model.output, self.jets(t)
         if output.type == "combination":
             raise ArgumentError(
@@ -146,4 +146,3 @@ def _wrench(values: np.ndarray, model: RobotModel) -> np.ndarray:
         raise ArgumentError(f"force: given NaN or infinity in row {row}, expected finite numbers")
     out[:, columns[values.shape[1]]] = values
     return out
-
