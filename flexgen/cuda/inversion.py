@@ -14,8 +14,9 @@ from flexgen.counts import show_value
 from flexgen.cuda.arrays import DeviceArray, Given, stream_handle
 from flexgen.cuda.driver import Card
 from flexgen.errors import ArgumentError
+from flexgen.runtime.arguments import number_of
 from flexgen.runtime.many_inversion import InversionOptions, Inversions
-from flexgen.runtime.path_inversion import RESULTS, Inverter, number_of
+from flexgen.runtime.path_inversion import RESULTS, Inverter
 from flexgen.runtime.structs import struct_of
 
 LARGEST = 300_000  # bytes of workspace of a problem: larger ones need several threads a problem

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.spec.ports import Port
 
@@ -171,3 +172,20 @@ def refuse_not_finite(function: str, ports: Sequence[Port], arrays: Sequence[np.
         _, where, value = min(found, key=lambda entry: entry[0])
         expected = "finite numbers of single precision" if real == _SINGLE else "finite numbers"
         raise ArgumentError(f"{function}, {where}: given {value}, expected {expected}")
+
+
+def whole_of(function: str, name: str, x: Any) -> int:
+    """An argument that is an int in C."""
+    if isinstance(x, bool) or not isinstance(x, int | np.integer) or not -(2**31) <= int(x) < 2**31:
+        raise ArgumentError(f"{function}, {name}: given {x!r}, expected a whole number")
+    return int(x)
+
+
+def number_of(function: str, name: str, x: Any) -> float:
+    """An argument that is a number in C."""
+    if isinstance(x, bool) or not isinstance(x, int | float | np.integer | np.floating):
+        raise ArgumentError(f"{function}, {name}: given {x!r}, expected a number")
+    try:
+        return float(x)
+    except OverflowError:
+        raise ArgumentError(f"{function}, {name}: given {show_value(x)}, expected a number") from None

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.runtime.arguments import number_of, whole_of
 from flexgen.runtime.path_inversion import (
     Inversion,
     Inverter,
     array_of,
-    number_of,
     parameters_of,
-    whole_of,
 )
 from flexgen.runtime.structs import struct_of
 

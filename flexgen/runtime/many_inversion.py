@@ -22,11 +22,11 @@ import numpy as np
 from flexgen.counts import count_of, show_value
 from flexgen.errors import ArgumentError
 from flexgen.progress import Choice, Progress, reporting
+from flexgen.runtime.arguments import number_of
 from flexgen.runtime.path_inversion import (
     RESULTS,
     Inverter,
     array_of,
-    number_of,
     parameters_of,
     pointer,
     pointers,

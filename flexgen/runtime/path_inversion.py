@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
-from flexgen.runtime.arguments import address
+from flexgen.runtime.arguments import address, number_of, whole_of
 from flexgen.runtime.identity import TOLERANCES
 from flexgen.runtime.structs import Failures, Interface, closed_error, failure_of, interface_of, struct_of
 
@@ -432,13 +431,6 @@ def array_of(function: str, name: str, x: Any, shape: tuple[int, ...] | None, re
         return np.ascontiguousarray(array, dtype=real)
 
 
-def whole_of(function: str, name: str, x: Any) -> int:
-    """An argument that is an int in C."""
-    if isinstance(x, bool) or not isinstance(x, int | np.integer) or not -(2**31) <= int(x) < 2**31:
-        raise ArgumentError(f"{function}, {name}: given {x!r}, expected a whole number")
-    return int(x)
-
-
 def hold_of(interface: Interface, function: str, hold: Any, delay: Any) -> dict[str, Any]:
     """The options of a hold, checked."""
     holds, most = interface.enums["hold"], interface.limits["HOLD_DELAY_MAX"]
@@ -451,16 +443,6 @@ def hold_of(interface: Interface, function: str, hold: Any, delay: Any) -> dict[
             "earlier"
         )
     return {"hold": holds.index(hold), "delay": late}
-
-
-def number_of(function: str, name: str, x: Any) -> float:
-    """An argument that is a number in C."""
-    if isinstance(x, bool) or not isinstance(x, int | float | np.integer | np.floating):
-        raise ArgumentError(f"{function}, {name}: given {x!r}, expected a number")
-    try:
-        return float(x)
-    except OverflowError:
-        raise ArgumentError(f"{function}, {name}: given {show_value(x)}, expected a number") from None
 
 
 def pointer(x: np.ndarray) -> ctypes.c_void_p:

@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
+from flexgen.runtime.arguments import number_of, whole_of
 from flexgen.runtime.path_inversion import (
     array_of,
     hold_of,
-    number_of,
     parameters_of,
     pointer,
     pointers,
     tolerance_of,
-    whole_of,
 )
 from flexgen.runtime.structs import REAL, Failures, Interface, closed_error, failure_of, interface_of, struct_of
 from flexgen.type_checks import checked_types

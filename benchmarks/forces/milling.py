@@ -1,6 +1,6 @@
 """A known force on the tool along a path: tool errors with and without it in the torque, and what it costs.
 
-    python benchmarks/process_force.py [--write]
+    python benchmarks/forces/milling.py [--write]
 
 300 N at 40 Hz, a cutter with four flutes at 600 1/min, on the tool of each robot along its first move. Errors are
 those of simulations of the full model with the true force, with the torques of the file: in open loop, and with the
@@ -27,11 +27,11 @@ from flexgen.trajectory import Trajectory
 ROBOTS = {"planar5_nmp": (0.6, 0.8), "manutec_r3_24": (0.6, 0.48, 0.64)}
 HZ, SIZE, RAMP = 40.0, 300.0, 0.05  # Hz, N, s
 ROUNDS, PERIOD, INTERVAL = 40, 1e-3, 4  # of the measurement of the cost: rounds, s, samples of an interval
-FILE = Path(__file__).with_suffix(".md")
+FILE = Path(__file__).parents[1] / "process_force.md"
 HEAD = """# A known force on the tool
 
-Written by `python benchmarks/process_force.py --write`. 300 N at 40 Hz (four flutes at 600 1/min) on the tool along the
-first move. Largest tool errors [um] of simulations with the true force: with torques that do not know it, that know it,
+Written by `python benchmarks/forces/milling.py --write`: 300 N at 40 Hz (four flutes at 600 1/min) on the tool along
+the first move. Largest tool errors [um] of simulations with the true force: with torques that do not know it, that know it,
 and that assume one that is 20 % too small; in open loop, and with motor feedback. Cost: time of `invert` with the force
 over that without it, same library, same mesh, in turns, least of 40; and over that of a library without the part
 `force`. In open loop the Coulomb friction of motors that reverse at other instants makes the six-axis robot drift, so
