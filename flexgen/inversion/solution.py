@@ -204,6 +204,7 @@ class Solution(Result):
             Figure("pre-actuation", self.preactuation_s, "s", "preactuation_s"),
             Figure("motor torque, largest", float(np.abs(tau).max()), "N m", "torque_max_Nm"),
             Figure("motor speed, largest", float(np.abs(speed).max()), "rad/s", "speed_max_rad_s"),
+            *self._force_figures(),
             Figure("residual of the equations of motion, largest", self.residual_max_Nm, "N m", "residual_max_Nm"),
             Figure("relative residual", self.residual_relative, "relative", "residual_relative"),
             *error_figures(simulation, what, label),
@@ -226,6 +227,13 @@ class Solution(Result):
                 "energy_error",
             ),
         )
+
+    def _force_figures(self) -> tuple[Figure, ...]:
+        """The largest force of a process on the tool, where one was given."""
+        if "force" not in self.trajectory:
+            return ()
+        largest = float(np.linalg.norm(self.trajectory["force"][:, :3], axis=1).max())
+        return (Figure("force of the process on the tool, largest", largest, "N", "force_max_N"),)
 
     def to_dict(self) -> dict[str, Any]:
         """The figures as JSON types, SI units."""

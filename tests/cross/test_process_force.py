@@ -277,6 +277,8 @@ def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
     with flexgen.load(made.directory) as library:
         options = {"period": period, "q_start": path.q_start, "n_pre": 40, "n_post": 40}
         whole = library.invert(y, dy, ddy, force=F, **options)
+        wide = library.invert_limited(y, dy, ddy, force=F, torque_max=np.full(2, 1e4), **options)
+        np.testing.assert_allclose(wide.tau_m, whole.tau_m, atol=1e-9)
         stream = library.stream(y[0], path.q_start, period=period, intervals=ahead, samples_per_interval=1)
         found = []
         for k in range(len(t)):
@@ -310,6 +312,7 @@ def test_array_function_and_file_are_the_same(tmp_path, capsys):
     c = flexgen.solve(equations, force=str(file), verify=False, progress=False)
     for other in (b, c):
         np.testing.assert_allclose(other.trajectory["tau_m"], a.trajectory["tau_m"], atol=1e-3)
+    assert abs(a.to_dict()["force_max_N"] - SIZE) < 1.0
     assert main(["solve", "planar5_nmp", "--force", str(file), "--out", str(tmp_path / "out.npz")]) == 0
     saved = Trajectory.load(tmp_path / "out.npz")
     assert saved["force"].shape == (len(saved.time), 6)
