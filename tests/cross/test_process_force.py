@@ -7,8 +7,6 @@ from the linear robot, without any force.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,6 +16,9 @@ from flexgen.codegen import clib_files
 from flexgen.errors import ArgumentError
 from flexgen.exports.mujoco import mjcf
 from flexgen.exports.mujoco_checks import with_friction
+from flexgen.inversion.methods import lq
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.solve import make_solution
 from flexgen.mechanics.statics import hold_motors
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.process_force import make_force
@@ -106,16 +107,18 @@ def test_mujoco_with_the_force_follows_the_path(name):
 
 @pytest.mark.slow
 def test_mujoco_of_six_axes_with_the_force():
-    model = with_friction(flexgen.read("manutec_r3_24"), "viscous")
-    equations = flexgen.derive(model)
-    move = replace(model.moves[0], duration=0.6)
-    solution = flexgen.solve(equations, move, force=milling(0.6), accuracy=1e-6, ignore_limits=True, progress=False)
-    path = solution.trajectory
-    keep = path.time <= 0.35  # without feedback errors grow
+    """The first part of the move: the force has grown to all of its size, and errors have not grown yet."""
+    equations = flexgen.derive(with_friction(flexgen.read("manutec_r3_24"), "viscous"))  # what MuJoCo has
+    move = flexgen.plan(equations, ignore_limits=True)
+    force = make_force(milling(move.duration), equations.model, move.duration)
+    problem = InversionProblem(equations, move, force=force)  # MuJoCo is the only verification
+    path = make_solution(problem, "lq", lq.solve(problem, 2.5e-3)).trajectory
+    keep = path.time <= 0.35
     cut = Trajectory(
         path.time[keep], {name: x[keep] for name, x in path.channels.items()}, path.ports, path.labels, path.meta
     )
     assert error_in_mujoco(equations, cut, step=2e-5) < 1e-7
+    assert error_in_mujoco(equations, cut, sign=-1.0, step=2e-5) > 1e-4  # planted: the other sign
 
 
 # --- the Lagrangian, rows and planted bugs in the C -------------------------------------------------------------------
