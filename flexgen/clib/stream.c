@@ -597,7 +597,7 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
 #endif
 
 #if MODEL_FORCE
-model_status model_stream_force(const model_stream *given, const real force[3 * MODEL_NY])
+model_status model_stream_force(const model_stream *given, const real *force)
 {
     real *stream = memory_of(given);
     if (stream == NULL || force == NULL) {
