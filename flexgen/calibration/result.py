@@ -12,14 +12,16 @@ from flexgen.atomic_files import write_text
 from flexgen.calibration.components import Tilt
 from flexgen.calibration.model_file import changes_of, variant_text
 from flexgen.calibration.parameters import FRAME, Unknown
-from flexgen.calibration.poses import StaticPoses
+from flexgen.calibration.poses import LARGEST, StaticPoses
 from flexgen.calibration.statics import Numbers, Statics
 from flexgen.calibration.tree import Tree
+from flexgen.counts import count_of
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.results import Result
+from flexgen.spec.arguments import seed_of
 from flexgen.type_checks import checked_result
 
 CANDIDATES = 300  # random poses from which new ones are chosen
@@ -167,9 +169,12 @@ class Calibration(Result):
         Source: V. V. Fedorov, Theory of Optimal Experiments, 1972 (D-optimal designs).
         """
         low, high = self.poses.commands.min(axis=0), self.poses.commands.max(axis=0)
+        count_of("count", count, LARGEST)
         if candidates is None:
-            candidates = np.random.default_rng(seed).uniform(low, high, (max(CANDIDATES, 3 * count), len(low)))
-        if not 0 < count <= len(candidates):
+            candidates = np.random.default_rng(seed_of(seed)).uniform(low, high, (max(CANDIDATES, 3 * count), len(low)))
+        if np.ndim(candidates) != 2 or np.shape(candidates)[1] != len(low):
+            raise ArgumentError(f"candidates: given shape {np.shape(candidates)}, expected (m, {len(low)})")
+        if count > len(candidates):
             raise ArgumentError(f"count: given {count}, expected 1 to {len(candidates)}, the number of candidates")
         statics, numbers = Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)), self._numbers
         J = statics.slopes(numbers, statics.rest(numbers), self.unknowns).reshape(len(candidates), -1, len(self.x))

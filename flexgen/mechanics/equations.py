@@ -10,6 +10,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.mechanics import dynamics, flexible_joint, inversion_functions, linearization
 from flexgen.mechanics.implicit_dae import ImplicitDae, implicit_dae
@@ -75,6 +76,8 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
 
     def pushed_by(self, force: np.ndarray | None) -> Equations:
         """The same with a constant force and torque (6,) on the tool; the same object for None."""
+        if force is not None and (np.shape(force) != (6,) or not np.isfinite(force).all()):
+            raise ArgumentError(f"force: given {show_value(force)}, expected 6 finite numbers, force [N], torque [N m]")
         return self if force is None else self._with_force(ca.SX(ca.DM(force)))
 
     def _with_force(self, force: ca.SX) -> Equations:

@@ -97,7 +97,7 @@ def make_force(given: Any, model: RobotModel, duration: float) -> ProcessForce:
 def _numbers(given: Any) -> np.ndarray:
     """Samples (n, k), n at least 2; ArgumentError for anything else."""
     try:
-        values = np.asarray(given, dtype=float)
+        values = np.zeros(0) if np.iscomplexobj(given) else np.asarray(given, dtype=float)
     except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
     if values.ndim != 2 or len(values) < 2:
