@@ -1,0 +1,1 @@
+"""Robots that take positions: commands that make their servos send the torques of inverse dynamics."""

@@ -1,0 +1,88 @@
+"""Samples of an interface of positions, and what a robot makes of them between two of them.
+
+    hold:    r(t) = c_j
+    linear:  r(t) = (1 - x) c_j + x c_(j+1),    x = (t - t_j)/T
+    cubic:   Hermite's polynomials with the slopes (c_(j+1) - c_(j-1))/(2 T)
+
+The samples are those whose interpolation is closest to the reference that is wanted at the samples of the servo,
+
+    min sum_k |r(t_k) - r_k|^2,    |c_j - c_(j-1)| <= v T,    |c_(j+1) - 2 c_j + c_(j-1)| <= a T^2
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csc_matrix, diags_array, vstack
+from scipy.sparse.linalg import splu
+
+from flexgen.errors import ArgumentError, SolverError
+
+Interpolation = Literal["hold", "linear", "cubic"]
+INTERPOLATIONS = get_args(Interpolation)
+_DIFFERENCES = {1: [-1.0, 1.0], 2: [1.0, -2.0, 1.0]}
+SLACK = 1e-9  # relative: a bound that is reached is kept
+QP = {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 200_000, "polish": True}
+
+
+def basis(time: np.ndarray, edges: np.ndarray, interpolation: str) -> csc_matrix:
+    """The matrix (n, k) from samples at ``edges`` (k,) [s] to the reference at the instants ``time`` (n,) [s]."""
+    period, last = edges[1] - edges[0], len(edges) - 1
+    j = np.clip(np.floor((time - edges[0]) / period + 1e-9).astype(int), 0, last)
+    x = np.clip((time - edges[j]) / period, 0.0, 1.0)
+    x = np.where(x < 1e-9, 0.0, x)
+    weights = {
+        "hold": ((0, np.ones_like(x)),),
+        "linear": ((0, 1 - x), (1, x)),
+        "cubic": (
+            (-1, -(x**3) / 2 + x**2 - x / 2),
+            (0, 1.5 * x**3 - 2.5 * x**2 + 1),
+            (1, -1.5 * x**3 + 2 * x**2 + x / 2),
+            (2, x**3 / 2 - x**2 / 2),
+        ),
+    }[interpolation]
+    rows = np.tile(np.arange(len(time)), len(weights))
+    columns = np.concatenate([np.clip(j + step, 0, last) for step, _ in weights])
+    return csc_matrix((np.concatenate([w for _, w in weights]), (rows, columns)), (len(time), len(edges)))
+
+
+def fit_samples(B: csc_matrix, r: np.ndarray) -> np.ndarray:
+    """Samples (k, n_m) whose interpolation is closest to ``r`` (n, n_m)."""
+    return np.asarray(splu(csc_matrix(B.T @ B)).solve(np.asarray(B.T @ (r - r[0])))) + r[0]
+
+
+def fit_within(
+    B: csc_matrix, r: np.ndarray, period: float, limits: tuple[np.ndarray | None, np.ndarray | None]
+) -> np.ndarray:
+    """The same within bounds of speed [rad/s] and acceleration [rad/s^2], (n_m,) each; None: no bound.
+
+    Raises
+    ------
+    SolverError
+        No samples keep the bounds.
+    """
+    k, kept = B.shape[1], [(n, bound) for n, bound in enumerate(limits, 1) if bound is not None]
+    steps = {n: diags_array(_DIFFERENCES[n], offsets=range(n + 1), shape=(k - n, k)) for n, _ in kept}
+    A, H = (ca.DM(csc_matrix(x)) for x in (vstack([steps[n] for n, _ in kept]), B.T @ B))
+    options = {"osqp": {**QP, "verbose": False}, "error_on_fail": False}
+    solver = ca.conic("samples", "osqp", {"h": H.sparsity(), "a": A.sparsity()}, options)
+    out = np.empty((k, r.shape[1]))
+    for j, own in enumerate((r - r[0]).T):
+        scale = max(float(np.abs(own).max()), 1e-12)
+        most = np.concatenate([np.full(k - n, (1 - SLACK) * bound[j] * period**n / scale) for n, bound in kept])
+        found = solver(h=H, g=-(B.T @ (own / scale)), a=A, lba=-most, uba=most)
+        if not solver.stats()["success"]:
+            raise SolverError(
+                f"limits: no samples of motor {j + 1} keep its limits of {kept[0][1][j]:.4g} rad/s or rad/s^2 "
+                f"({solver.stats()['return_status']})"
+            )
+        out[:, j] = scale * np.asarray(found["x"]).ravel()
+    return out + r[0]
+
+
+def check_interpolation(given: str) -> None:
+    """ArgumentError for an unknown interpolation."""
+    if given not in INTERPOLATIONS:
+        raise ArgumentError(f"interpolation: given {given!r}, expected one of {', '.join(INTERPOLATIONS)}")

@@ -1,0 +1,145 @@
+"""The position servo of a robot: a P-PI cascade, with speed feedforward and a filter of its reference.
+
+    r' = r_f + (1/h)(r - r_f) ... see `Servo`;    u = F(z) k_v (w + k_i int w dt),    w = f dr'/dt + k_p (r' - q) - dq/dt
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from flexgen.counts import show_value
+from flexgen.errors import ArgumentError
+from flexgen.loop.controller_files import CONTROLLER
+from flexgen.loop.controllers import Cascade
+from flexgen.loop.gains import PPI
+from flexgen.spec.arguments import is_number
+from flexgen.spec.keys import Context, Format, Key, Kinds, number, read
+from flexgen.spec.tables import file_bytes, file_table
+from flexgen.type_checks import checked_class
+
+SAMPLE_S = 5e-4
+SLOWEST = 1.0  # s: sample time, delay and time constant of the reference filter, at most
+MOST_FEEDFORWARD = 2.0
+
+
+@checked_class
+@dataclass(frozen=True)
+class Servo:
+    """A position servo: what it makes of its reference r at each sample, motor side.
+
+        r_f <- r_f + (1 - exp(-h/T)) (r - r_f)                      filter of the reference
+        w = f D r_f + k_p (r_f - q) - D q,    D x = (x_k - x_(k-1))/h
+        u = F(z) k_v (w + k_i h sum w)                              torque, which acts after the delay
+
+    Its integral holds the robot at rest where the motion begins.
+
+    Parameters
+    ----------
+    feedback : Cascade or PPI
+        Gains k_p [1/s], k_v [N m s/rad] and k_i [1/s] of the motors, and the filters F of the torque; `PPI` states them
+        by frequencies.
+    speed_feedforward : float
+        f: part of the speed of the reference that the speed controller is given, 0 to 2.
+    reference_filter_s : float [s]
+        T: time constant of the filter of the reference; 0: none.
+    sample_time : float [s]
+        h.
+    delay : float [s]
+        From the measurement to the torque.
+
+    Examples
+    --------
+    >>> servo = flexgen.Servo(flexgen.PPI(position_hz=5.0, speed_hz=30.0), speed_feedforward=0.0)
+    >>> found = flexgen.command_positions("planar5_nmp", servo=servo)
+    >>> found.tool_error_max_m < 1e-6 < 1e-3 < found.today_error_max_m
+    True
+    """
+
+    feedback: Cascade | PPI
+    speed_feedforward: float = 1.0
+    reference_filter_s: float = 0.0
+    sample_time: float = SAMPLE_S
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        limits = {
+            "speed_feedforward": (0.0, MOST_FEEDFORWARD),
+            "reference_filter_s": (0.0, SLOWEST),
+            "sample_time": (1e-6, SLOWEST),
+            "delay": (0.0, SLOWEST),
+        }
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if not (is_number(value) and low <= value <= high):
+                raise ArgumentError(f"servo, {name}: given {show_value(value)}, expected {low:g} to {high:g}")
+
+    @classmethod
+    def read(cls, path: str | Path) -> Servo:
+        """The servo of a TOML file: keys of a controller of type ppi or cascade, and the parameters of this class."""
+        file = Path(path)
+        found: Servo = read(file_table(file_bytes(file, "servo"), file), SERVO, Context())
+        return found
+
+    def filter_reference(self, r: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        """What a cascade with full speed feedforward needs as reference, to do what this servo does with r (n, n_m).
+
+        ``gain`` (n_m,) [1/s]: k_p. At rest before the first sample.
+        """
+        h, x = self.sample_time, r - r[0]
+        if self.reference_filter_s > 0.0:
+            a = self.part_per_sample
+            x = lfilter([a], [1.0, a - 1.0], x, axis=0)
+        f, out = self.speed_feedforward, np.empty_like(x)
+        for j, k_p in enumerate(gain):
+            out[:, j] = lfilter([k_p + f / h, -f / h], [k_p + 1 / h, -1 / h], x[:, j])
+        return out + r[0]
+
+    @property
+    def part_per_sample(self) -> float:
+        """Part of a step that passes the filter of the reference within a sample."""
+        T = self.reference_filter_s
+        return 1.0 if T == 0.0 else float(-np.expm1(-self.sample_time / T))
+
+
+def servo_of(given: Any) -> Servo:
+    """The servo from what a user gives: a `Servo`, a `Cascade` or `PPI`, ``"ppi"`` or a file."""
+    if isinstance(given, Servo):
+        return given
+    if isinstance(given, Cascade | PPI):
+        return Servo(given)
+    if given == "ppi":
+        return Servo(PPI())
+    if isinstance(given, str | Path) and str(given).endswith(".toml"):
+        return Servo.read(given)
+    raise ArgumentError(
+        f"servo: given {show_value(given)}, expected a flexgen.Servo, Cascade or PPI, the name 'ppi', or a file .toml"
+    )
+
+
+def _maker(form: Format) -> Any:
+    """Makes a servo of the values of its table."""
+    own = {"speed_feedforward", "reference_filter_s", "sample_time", "delay"}
+
+    def make(**values: Any) -> Servo:
+        feedback = form.make(**{name: value for name, value in values.items() if name not in own})
+        return Servo(feedback, **{name: value for name, value in values.items() if name in own})
+
+    return make
+
+
+_OWN = (
+    Key("speed_feedforward", number(least=0.0, most=MOST_FEEDFORWARD), "part of the speed of the reference", default=1.0),
+    Key("reference_filter_s", number(least=0.0, most=SLOWEST), "filter of the reference, time constant", "s", 0.0),
+    Key("sample_time", number(least=1e-6, most=SLOWEST), "sample time", "s", SAMPLE_S),
+    Key("delay", number(least=0.0, most=SLOWEST), "from the measurement to the torque", "s", 0.0),
+)
+SERVO = Kinds(
+    "position servo",
+    {kind: Format(form.doc, (*form.keys, *_OWN), _maker(form)) for kind, form in CONTROLLER.kinds.items() if kind != "linear"},
+    shared=CONTROLLER.shared,
+)
