@@ -1,0 +1,131 @@
+"""What `flexgen.identify_servo` returns: the servo with standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.atomic_files import write_text
+from flexgen.display import Figure, figure_rows, plain
+from flexgen.results import Result
+from flexgen.servo.record import ServoRecord
+from flexgen.servo.servo import Servo
+from flexgen.spec.toml_text import toml
+from flexgen.type_checks import checked_result
+
+ENOUGH = 0.9  # of the lag of the robot
+GAINS = ("position_gain", "speed_gain", "integral_gain")
+
+
+@checked_result
+@dataclass(frozen=True, repr=False)
+class ServoFit(Result):
+    """A position servo that was identified.
+
+    Attributes
+    ----------
+    servo : Servo
+        With the gains of each motor.
+    latency_s : float [s]
+        From the time of a command in the record to its effect.
+    gain_sd : array (3, n_m)
+        Relative standard deviations of position, speed and integral gains.
+    common_sd : mapping of str to float
+        Standard deviations of the numbers that all motors share.
+    unexplained : array (n_m,) [rad]
+        Root mean square of the difference of measured and simulated angles, motor side.
+    explained : float
+        Part of the sum of squares of commands minus angles that the servo explains.
+    motors : tuple of str
+        Names of the motors.
+    record : ServoRecord
+        That was fitted.
+    interpolation : str
+        Of the robot between two commands.
+    model : str
+        Of the robot.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(500) * 0.004
+    >>> command = 0.2 * (1 - np.cos(3 * t)[:, None] ** 2) * [1.0, -0.5]
+    >>> found = flexgen.identify_servo("elbow", flexgen.ServoRecord(t, command, command))
+    >>> found.servo.sample_time, found.motors
+    (0.0005, ('m1', 'm2'))
+    """
+
+    servo: Servo
+    latency_s: float
+    gain_sd: np.ndarray
+    common_sd: Mapping[str, float]
+    unexplained: np.ndarray
+    explained: float
+    motors: tuple[str, ...]
+    record: ServoRecord
+    interpolation: str
+    model: str
+
+    def __repr__(self) -> str:
+        return f"<ServoFit {self.model}: {self.sentence()}>"
+
+    def __str__(self) -> str:
+        """The figures as lines."""
+        return "\n".join([f"{self.model}: {self.sentence()}", *(f"  {name}: {text}" for name, text in self._rows())])
+
+    @property
+    def problem(self) -> str:
+        """Why the servo cannot be used: it explains too little."""
+        if self.explained >= ENOUGH:
+            return ""
+        return (
+            f"the servo explains {100 * self.explained:.0f} % of the lag of the robot, expected {100 * ENOUGH:.0f} %: "
+            "another structure, interpolation, sample time or delay, or another model"
+        )
+
+    def sentence(self) -> str:
+        """The fit in words."""
+        return self.problem or f"servo identified, {100 * self.explained:.4g} % of the lag of the robot explained"
+
+    def figures(self) -> tuple[Figure, ...]:
+        """The figures in SI units, for tables."""
+        rows, servo = [], self.servo
+        for word, unit, sd in zip(GAINS, ("1/s", "N m s/rad", "1/s"), self.gain_sd, strict=True):
+            for name, value, own in zip(self.motors, np.asarray(getattr(servo.feedback, word)), sd, strict=True):
+                label = f"{word.replace('_', ' ')} of {name}"
+                rows.append(Figure(label, f"{value:.5g} +- {100 * own:.2g} %", unit, f"{word}_{name}"))
+        common = (servo.speed_feedforward, servo.reference_filter_s, self.latency_s)
+        for (name, sd), value in zip(self.common_sd.items(), common, strict=True):
+            unit = "s" if name.endswith("_s") else ""
+            rows.append(Figure(name.removesuffix("_s").replace("_", " "), f"{value:.4g} +- {sd:.2g}", unit, name))
+        worst = float(self.unexplained.max())
+        return (*rows, Figure("unexplained, root mean square, motor side", worst, "rad", "unexplained"))
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return figure_rows(self.figures())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Gains, standard deviations and figures as JSON types, SI units."""
+        own = {name: getattr(self.servo, name) for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")}
+        gains = {name: plain(np.asarray(getattr(self.servo.feedback, name))) for name in GAINS}
+        kept = ("latency_s", "gain_sd", "common_sd", "unexplained", "explained", "motors", "interpolation", "model")
+        return own | gains | {name: plain(getattr(self, name)) for name in kept}
+
+    def save(self, path: str | Path) -> Path:
+        """Write the servo to a file ``.toml`` that `Servo.read` and the command line take; ``.json``: all figures."""
+        if Path(path).suffix != ".toml":
+            return super().save(path)
+        servo = self.servo
+        values = {name: np.asarray(getattr(servo.feedback, name)).tolist() for name in GAINS}
+        values |= {name: getattr(servo, name) for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")}
+        description = f"servo of {self.model}, identified from {Path(self.record.source).name or 'a record'}"
+        lines = [f"description = {toml(description)}", 'type = "cascade"']
+        lines += [f"{name} = {toml(value)}" for name, value in values.items()]
+        for each in getattr(servo.feedback, "filters", ()):
+            kind = {"LowPass": "low_pass", "Notch": "notch"}[type(each).__name__]
+            lines += ["", f"[[{kind}]]", *(f"{name} = {toml(value)}" for name, value in vars(each).items())]
+        return write_text(Path(path), "\n".join(lines) + "\n")

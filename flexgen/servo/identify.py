@@ -1,0 +1,268 @@
+"""Gains of a position servo from a record of commands and angles: Gauss-Newton on the simulated closed loop.
+
+    min sum |q(t_k; p) - q_k|^2,    p = log k_p, log k_v, log k_i of each motor, speed feedforward, filter, latency
+
+Robots with one number changed each are simulated side by side in C, so that a step costs one run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from flexgen.deadline import check_time
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.library.model_library import library_with
+from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.controllers import Cascade
+from flexgen.loop.gains import PPI
+from flexgen.loop.hardware import DriveHardware
+from flexgen.loop.interface import Compiled, Setup
+from flexgen.loop.plants import LocalDynamics
+from flexgen.mechanics.equations import derive, robot_of
+from flexgen.model.elements import RobotModel
+from flexgen.progress import Choice, reported
+from flexgen.runtime.library import Library
+from flexgen.servo.fit_result import ServoFit
+from flexgen.servo.record import ServoRecord
+from flexgen.servo.samples import Interpolation, basis
+from flexgen.servo.servo import Servo, servo_of
+from flexgen.type_checks import checked_types
+
+STILL_S, STILL = 0.05, 1e-3  # the command rests for so long at the begin, up to this part of its range
+STEPS, CLOSE = 40, 1e-5  # of Gauss and Newton; the last step, relative
+LONGEST_STEP = 0.7  # of the logarithm of a gain
+COMMON = ("speed_feedforward", "reference_filter_s", "latency_s")
+MOVED = {"speed_feedforward": 1e-3, "reference_filter_s": 1e-5, "latency_s": 1e-5}  # differences for derivatives
+LOG_MOVED = 1e-3
+# Least values in sample times, and largest ones. A filter that is faster than the sampling has no derivative.
+BOUNDS = {"speed_feedforward": (0.0, 2.0), "reference_filter_s": (0.3, 0.2), "latency_s": (0.0, 0.2)}
+FIRST_FILTER = 4  # sample times
+BLOCK_S = 0.25  # of a record, within which residuals depend on each other
+POSES = 20  # of the record, where eigenvalues are computed
+
+
+@checked_types(own=("record",))
+@reported("identify_servo")
+def identify_servo(
+    model: str | FilePath | RobotModel,
+    record: ServoRecord | str | FilePath,
+    *,
+    servo: Any = "ppi",
+    interpolation: Interpolation = "linear",
+    progress: Choice = None,
+) -> ServoFit:
+    """Identify the position servo of a robot from some seconds of commands and measured angles.
+
+    Parameters
+    ----------
+    model : name, path or RobotModel
+        Inertias, frictions and springs as they are: `flexgen.identify` finds them.
+    record : ServoRecord or str
+        A move of the robot that begins at rest: a record, or its CSV file, see `flexgen.servo.record`.
+    servo : Servo, Cascade, PPI, or str
+        Where the search begins; its sample time, delay and torque filters stay.
+    interpolation : str
+        Of the robot between two commands: ``"linear"``, ``"cubic"`` or ``"hold"``.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    ServoFit
+
+    Raises
+    ------
+    ArgumentError
+        The record does not fit the model, moves at its begin, or moves too little.
+    SolverError
+        The loop is unstable wherever the search begins.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(500) * 0.004
+    >>> command = 0.2 * (1 - np.cos(3 * t)[:, None] ** 2) * [1.0, -0.5]
+    >>> record = flexgen.ServoRecord(t, command, command)  # a servo without any error
+    >>> flexgen.identify_servo("elbow", record).explained > 0.9
+    True
+    """
+    tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
+    robot = robot_of(model)
+    if not isinstance(record, ServoRecord):
+        record = ServoRecord.read(record, robot)
+    _check_record(record, robot)
+    fit = _Fit.begin(robot, record, servo_of(servo), interpolation)
+    p, e, J = fit.start()
+    weight = 1e-3
+    for step in range(STEPS):
+        check_time("identify_servo")
+        tell(f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles unexplained")
+        scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
+        A, g = (J / scale).T @ (J / scale), (J / scale).T @ e
+        change = -np.linalg.solve(A + weight * np.eye(len(p)), g) / scale
+        change *= min(1.0, LONGEST_STEP / max(np.abs(change[: fit.gains]).max(), 1e-300))
+        tried = fit.within(p + change)
+        found = fit.run(tried)
+        if found is not None and (found[0] ** 2).sum() < (e**2).sum():
+            gain = 1.0 - (found[0] ** 2).sum() / (e**2).sum()
+            p, (e, J), weight = tried, found, max(weight / 10, 1e-9)
+            if gain < CLOSE:
+                break
+        elif weight > 1e3:
+            break
+        else:
+            weight *= 10
+    return fit.result(p, e, J)
+
+
+def _check_record(record: ServoRecord, robot: RobotModel) -> None:
+    where = record.source or "record"
+    if record.command.shape[1] != robot.n_g:
+        raise ArgumentError(f"{where}: given {record.command.shape[1]} joints, expected {robot.n_g} as of {robot.title}")
+    size, count = np.ptp(record.command, axis=0), max(int(np.ceil(STILL_S / record.period)), 2)
+    if not (size > 0.0).all():
+        names = [robot.coordinates[i].name for i, x in zip(robot.i_g, size, strict=True) if x == 0.0]
+        raise ArgumentError(f"{where}: given commands that do not move {', '.join(names)}, expected that every joint moves")
+    moved = np.abs(record.command[:count] - record.command[0]).max(axis=0) / size
+    if moved.max() > STILL:
+        raise ArgumentError(
+            f"{where}: given a command that moves within the first {1e3 * STILL_S:.0f} ms, expected that it begins at rest"
+        )
+
+
+@dataclass(frozen=True)
+class _Lanes:
+    """A cascade with gains of its own for each robot: ``gains`` (3, lanes, n_m)."""
+
+    cascade: Cascade
+    gains: np.ndarray
+
+    def compiled(self, setup: Setup) -> Compiled:
+        made = self.cascade.compiled(setup)
+        n = setup.n_m
+        memory = made.memory.view(np.float64)
+        memory[:, 4 : 4 + 3 * n] = self.gains.transpose(1, 0, 2).reshape(len(memory), 3 * n)
+        return made
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A record, and the loop that is compared with it; parameters p: logarithms of gains, then `COMMON`."""
+
+    robot: RobotModel
+    record: ServoRecord
+    servo: Servo
+    cascade: Cascade
+    interpolation: str
+    library: Library
+    rest: tuple[np.ndarray, np.ndarray]
+    rate: float
+    time: np.ndarray
+    measured: np.ndarray
+
+    @classmethod
+    def begin(cls, robot: RobotModel, record: ServoRecord, servo: Servo, interpolation: str) -> _Fit:
+        """The loop at rest where the record begins."""
+        local = LocalDynamics(derive(robot))
+        n_a, motors = robot.n_a, record.command @ robot.eta.T
+        arm = np.zeros((POSES, n_a))
+        arm[:, list(robot.i_g)] = record.command[np.linspace(0, len(motors) - 1, POSES).astype(int)]
+        at, tau = local.rest(motors[0], np.zeros(0), arm[0])
+        still, quiet = np.zeros((POSES, n_a)), np.zeros((POSES, robot.n_m))
+        motion = (arm, still, still, arm[:, list(robot.i_g)] @ robot.eta.T, quiet, quiet, quiet)
+        cascade = servo.feedback
+        if isinstance(cascade, PPI):
+            late = servo.sample_time + servo.delay
+            cascade = cascade.cascade(robot, late, [x[:1] for x in motion])
+        steps = int(np.floor((record.time[-1] - record.time[0]) / servo.sample_time + 1e-9)) + 1
+        time = record.time[0] + servo.sample_time * np.arange(steps)
+        library = library_with(robot, ["forward_dynamics"])
+        measured = (record.angle - record.angle[0] + record.command[0]) @ robot.eta.T
+        rate = local.largest_rate(motion, np.zeros(0))
+        return cls(robot, record, servo, cascade, interpolation, library, (at, tau), rate, time, measured)
+
+    @property
+    def gains(self) -> int:
+        """Number of gains; one that is zero where the search begins stays zero."""
+        return 3 * self.robot.n_m
+
+    def start(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Parameters, residuals and Jacobian where the search begins; lower gains where the loop is unstable."""
+        own = [np.asarray(x, float) for x in (self.cascade.position_gain, self.cascade.speed_gain, self.cascade.integral_gain)]
+        h = self.servo.sample_time
+        common = [self.servo.speed_feedforward, max(self.servo.reference_filter_s, FIRST_FILTER * h), h]
+        p = np.concatenate([np.log(np.maximum(np.concatenate(own), 1e-6)), common])
+        for _ in range(6):
+            found = self.run(self.within(p))
+            if found is not None:
+                return (self.within(p), *found)
+            p[: self.gains] -= np.log(1.5)
+        raise SolverError("identify_servo: the loop is unstable with the gains of the servo and with lower ones")
+
+    def within(self, p: np.ndarray) -> np.ndarray:
+        """Parameters within their bounds."""
+        p = p.copy()
+        for k, name in enumerate(COMMON, self.gains):
+            low, high = BOUNDS[name]
+            p[k] = np.clip(p[k], low * self.servo.sample_time, high)
+        return p
+
+    def servo_of(self, p: np.ndarray) -> Servo:
+        """The servo with these parameters."""
+        return replace(self.servo, speed_feedforward=float(p[self.gains]), reference_filter_s=float(p[self.gains + 1]))
+
+    def run(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Residuals (n,) and Jacobian (n, parameters) by simulation of a robot for each parameter; None: unstable."""
+        n_m, moved = self.robot.n_m, np.concatenate([np.full(self.gains, LOG_MOVED), [MOVED[name] for name in COMMON]])
+        sets = np.vstack([p, p + np.diag(moved)])
+        lanes, gains = len(sets), np.exp(sets[:, : self.gains]).reshape(len(sets), 3, n_m).transpose(1, 0, 2)
+        rows = np.empty((len(self.time), lanes, 2 * n_m))
+        rows[:, :, n_m:] = self.rest[1]
+        edges, known = self.record.time, self.record.command @ self.robot.eta.T
+        plain = {late: basis(self.time - late, edges, self.interpolation) @ known for late in set(sets[:, -1])}
+        for lane, own in enumerate(sets):
+            rows[:, lane, :n_m] = self.servo_of(own).filter_reference(plain[own[-1]], gains[0, lane])
+        loop = ClosedLoop(
+            self.robot, self.library, DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ()),
+            _Lanes(self.cascade, gains), np.tile(self.rest[0], (lanes, 1)), np.tile(known[0], (lanes, 1)), self.rate,
+            delay_samples=int(self.servo.delay / self.servo.sample_time + 1e-9),
+        )  # fmt: skip
+        loop.hold(np.tile(self.rest[1], (lanes, 1)))
+        try:
+            q = loop.run(rows, len(rows)).q_m
+        except SolverError:
+            return None
+        at = np.clip((self.record.time - self.time[0]) / self.servo.sample_time, 0, len(q) - 1)
+        j = np.minimum(at.astype(int), len(q) - 2)
+        q = q[j] + (at - j)[:, None, None] * (q[j + 1] - q[j])
+        flat = (q - self.measured[:, None]).transpose(1, 0, 2).reshape(lanes, -1)
+        return flat[0], ((flat[1:] - flat[0]) / moved[:, None]).T
+
+    @property
+    def _rest_of_delay(self) -> float:
+        h = self.servo.sample_time
+        rest = self.servo.delay - int(self.servo.delay / h + 1e-9) * h
+        return rest if rest > 1e-9 * h else 0.0
+
+    def result(self, p: np.ndarray, e: np.ndarray, J: np.ndarray) -> ServoFit:
+        """The servo with standard deviations, whose residuals may depend on each other within `BLOCK_S`."""
+        n_m, n = self.robot.n_m, len(self.record.time)
+        block = max(int(round(BLOCK_S / self.record.period)), 1)
+        scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
+        Js = (J / scale).reshape(n, n_m, -1)
+        inverse = np.linalg.pinv(np.einsum("nmp,nmq->pq", Js, Js), rcond=1e-14)
+        scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, e.reshape(n, n_m)), np.arange(0, n, block))
+        sd = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse)) / scale
+        gains = np.exp(p[: self.gains]).reshape(3, n_m)
+        found = replace(self.servo_of(p), feedback=replace(self.cascade, position_gain=gains[0], speed_gain=gains[1], integral_gain=gains[2]))
+        lag = (self.record.command - self.record.angle) @ self.robot.eta.T
+        unexplained = np.sqrt((e.reshape(n, n_m) ** 2).mean(axis=0))
+        of_all = float(1.0 - (e**2).sum() / max(((lag - lag[0]) ** 2).sum(), 1e-300))
+        return ServoFit(
+            found, float(p[-1]), sd[: self.gains].reshape(3, n_m), dict(zip(COMMON, map(float, sd[self.gains :]), strict=True)),
+            unexplained, of_all, tuple(motor.name for motor in self.robot.motors), self.record, self.interpolation, self.robot.title,
+        )  # fmt: skip
