@@ -287,6 +287,8 @@ _RESULTS = {
     "Frf.plot": "flexgen.plots.identification:response_grid",
     "Frf.report": "flexgen.reports.identification_page:write_responses",
     "Path.plot": "flexgen.plots.signals:plot_path",
+    "PositionCommands.plot": "flexgen.plots.servo:plot_commands",
+    "ServoFit.plot": "flexgen.plots.servo:plot_fit",
     "PathSample.plot": "flexgen.plots.signals:plot_arrays",
     "PlantRun.plot": "flexgen.plots.signals:plot_arrays",
     "Simulation.plot": "flexgen.plots.signals:plot_simulation",

@@ -286,6 +286,31 @@ control MODEL | control:control | control
     files
         @page
         out FILE trajectory_file: write motion, torques and errors of the model to this file
+command-positions MODEL | | command_positions
+    robot
+        servo FILE text: of the robot: ppi (proposed gains, the default) or a .toml file, such as that of 'flexgen
+            identify-servo --out'
+        plants NAME:KEY=X,... plant several --plant: another robot: {FACTORS}; such as soft:stiffness=0.8,payload=5; may
+            be repeated
+    interface
+        period S positive: between two positions [s], such as 0.004, 0.008 or 0.012; default: {default}
+        interpolation in=linear/cubic/hold: of the robot between two positions; default: {default}
+        speed X_... numbers: largest commanded speed of each joint [rad/s or m/s]
+        acceleration X_... numbers: largest commanded acceleration of each joint [rad/s^2 or m/s^2]
+    motion
+        @move
+    files
+        @page
+        out FILE: write the positions of the joints to this file: .csv (degrees, mm), .npz, .mat or .json
+identify-servo MODEL | | identify_servo
+    arguments
+        <record> DATA: CSV file of commands and angles: time_s, then JOINT_command_deg and JOINT_deg of each joint
+    servo
+        servo FILE text: where the search begins: ppi (proposed gains, the default) or a .toml file
+        interpolation in=linear/cubic/hold: of the robot between two positions; default: {default}
+    files
+        @page
+        out FILE toml_file: write the servo to this file (.toml)
 learn MODEL | | learn
     robot
         plant KEY=X,... changes: the robot: {FACTORS}; such as stiffness=0.8,payload=5; default: as the model

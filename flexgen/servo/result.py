@@ -139,7 +139,7 @@ class PositionCommands(Result):
             Figure("positions", len(self.time), "", "samples"),
             Figure("period", self.period, "s", "period"),
             Figure("interpolation", self.interpolation, "", "interpolation"),
-            Figure("first position before the path", -float(self.time[0]), "s", "before"),
+            Figure("first position before the path", max(-float(self.time[0]), 0.0), "s", "before"),
             Figure("limits that are reached", ", ".join(self.active), "", "active"),
         )
 
@@ -168,13 +168,16 @@ class PositionCommands(Result):
             self.time, {"command_m": self.motor, "command_g": self.joint}, ports, labels, meta, {"command_g": self.units}
         )
 
-    def save_samples(self, path: str | Path, unit: Literal["deg", "rad"] = "deg") -> Path:
-        """Write a plain table for the interface of a robot: a line for each position, which are one period apart.
+    def save(self, path: str | Path, unit: Literal["deg", "rad"] = "deg") -> Path:
+        """Write the positions to a file: ``.csv``, a plain table for the interface of a robot.
 
-        The first line names the columns: ``time_s``, then ``JOINT_deg`` (``JOINT_mm`` of a joint that slides), or with
-        ``unit="rad"`` ``JOINT_rad`` and ``JOINT_m``.
+        A line for each position, one period apart. The first line names the columns: ``time_s``, then ``JOINT_deg``
+        (``JOINT_mm`` of a joint that slides), or with ``unit="rad"`` ``JOINT_rad`` and ``JOINT_m``. ``.npz``, ``.mat``:
+        the trajectory; ``.json``: what `to_dict` returns.
         """
+        if Path(path).suffix != ".csv":
+            return super().save(path)
         names = [f"{name}_{NAMES[own][unit]}" for name, own in zip(self.joints, self.units, strict=True)]
         values = self.joint / [UNITS[own][unit] for own in self.units]
-        rows = [f"{t:.9g}," + ",".join(f"{x:.10g}" for x in row) for t, row in zip(self.time, values, strict=True)]
+        rows = [f"{t:.9g}," + ",".join(f"{x:.12g}" for x in row) for t, row in zip(self.time, values, strict=True)]
         return write_text(Path(path), "\n".join([",".join(["time_s", *names]), *rows]) + "\n")

@@ -39,6 +39,7 @@ WINGS = (
     "performance",
     "planning",
     "plausibility",
+    "servo",
     "sweeps",
     "templates",
     "uncertainty",
