@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -24,22 +26,23 @@ def plot_commands(found: PositionCommands) -> Figure:
     planned = found.run.solution.trajectory
     at = planned.at(np.clip(found.time, planned.time[0], planned.time[-1]))["q_m"] @ np.linalg.inv(model.eta).T
     for ax, values, label in (
-        (top, found.joint - found.joint[0], f"commanded, from the start, {unit}"),
-        (middle, found.joint - at, f"commanded minus planned, {unit}"),
+        (top, found.joint, f"commanded, {unit}"),
+        (middle, found.joint - at, f"minus planned, {unit}"),
     ):
         lines = ax.plot(found.time, factor * values, lw=1.2)
         ax.set_ylabel(label)
         ax.legend(lines, found.joints, loc="center left", bbox_to_anchor=(1.0, 0.5))
     for run, color, label in ((found.today, cv.RED, "planned motor angles"), (found.run, cv.BLUE, "these positions")):
         _plot_error(below, run, color, label)
-    below.set(xlabel="time, s", ylabel=f"error of the tool, {found.run.unit}", yscale="log")
+    below.set(xlabel="time, s", ylabel=f"tool error, {found.run.unit}", yscale="log")
+    cv.log_axis(below.yaxis)
     below.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     for ax in (top, middle, below):
         ax.set_xlim(found.time[0], found.time[-1])
     return figure
 
 
-def _plot_error(ax, run: ControlRun, color: str, label: str) -> None:  # type: ignore[no-untyped-def]
+def _plot_error(ax: Any, run: ControlRun, color: str, label: str) -> None:
     ax.plot(run.reference.time, np.maximum(run.distance(run.nominal), SMALLEST), color=color, lw=1.2, label=label)
 
 
@@ -53,7 +56,15 @@ def plot_fit(found: ServoFit) -> Figure:
     top.set(xlabel="time, s", ylabel="command minus angle, rad or m")
     x = np.arange(len(found.motors))
     for k, (name, color) in enumerate(zip(("position", "speed", "integral"), cv.COLORS, strict=False)):
-        below.errorbar(x + 0.15 * (k - 1), np.zeros(len(x)), 196 * found.gain_sd[k], fmt="o", ms=3, color=color, label=f"{name} gain")
+        below.errorbar(
+            x + 0.15 * (k - 1),
+            np.zeros(len(x)),
+            196 * found.gain_sd[k],
+            fmt="o",
+            ms=3,
+            color=color,
+            label=f"{name} gain",
+        )
     below.set_xticks(x, found.motors)
     below.set(ylabel="95 % interval, %")
     below.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -171,7 +171,7 @@ def _fit(
 
 
 def _simulate(case: Case, servo: Servo, gains: Cascade, r: np.ndarray, name: str) -> ControlRun:
-    """Servo and robots with a reference (n, n_g) at the samples of the servo; its torque at the start holds the robot."""
+    """Servo and robots with a reference (n, n_g) at the samples of the servo, which holds the robot at the start."""
     used = servo.filter_reference(r @ case.model.eta.T, np.asarray(gains.position_gain, float))
     held = np.tile(case.reference.held[0], (len(used), 1))
     reference = replace(case.reference, motion={**case.reference.motion, "q_m": used}, held=held)

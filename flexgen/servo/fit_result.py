@@ -110,7 +110,10 @@ class ServoFit(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Gains, standard deviations and figures as JSON types, SI units."""
-        own = {name: getattr(self.servo, name) for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")}
+        own = {
+            name: getattr(self.servo, name)
+            for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
+        }
         gains = {name: plain(np.asarray(getattr(self.servo.feedback, name))) for name in GAINS}
         kept = ("latency_s", "gain_sd", "common_sd", "unexplained", "explained", "motors", "interpolation", "model")
         return own | gains | {name: plain(getattr(self, name)) for name in kept}
@@ -121,7 +124,9 @@ class ServoFit(Result):
             return super().save(path)
         servo = self.servo
         values = {name: np.asarray(getattr(servo.feedback, name)).tolist() for name in GAINS}
-        values |= {name: getattr(servo, name) for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")}
+        values |= {
+            name: getattr(servo, name) for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
+        }
         description = f"servo of {self.model}, identified from {Path(self.record.source).name or 'a record'}"
         lines = [f"description = {toml(description)}", 'type = "cascade"']
         lines += [f"{name} = {toml(value)}" for name, value in values.items()]

@@ -122,15 +122,20 @@ def identify_servo(
 def _check_record(record: ServoRecord, robot: RobotModel) -> None:
     where = record.source or "record"
     if record.command.shape[1] != robot.n_g:
-        raise ArgumentError(f"{where}: given {record.command.shape[1]} joints, expected {robot.n_g} as of {robot.title}")
+        raise ArgumentError(
+            f"{where}: given {record.command.shape[1]} joints, expected {robot.n_g} as of {robot.title}"
+        )
     size, count = np.ptp(record.command, axis=0), max(int(np.ceil(STILL_S / record.period)), 2)
     if not (size > 0.0).all():
         names = [robot.coordinates[i].name for i, x in zip(robot.i_g, size, strict=True) if x == 0.0]
-        raise ArgumentError(f"{where}: given commands that do not move {', '.join(names)}, expected that every joint moves")
+        raise ArgumentError(
+            f"{where}: given commands that do not move {', '.join(names)}, expected that every joint moves"
+        )
     moved = np.abs(record.command[:count] - record.command[0]).max(axis=0) / size
     if moved.max() > STILL:
         raise ArgumentError(
-            f"{where}: given a command that moves within the first {1e3 * STILL_S:.0f} ms, expected that it begins at rest"
+            f"{where}: given a command that moves within the first {1e3 * STILL_S:.0f} ms, expected that it begins "
+            "at rest"
         )
 
 
@@ -192,7 +197,10 @@ class _Fit:
 
     def start(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Parameters, residuals and Jacobian where the search begins; lower gains where the loop is unstable."""
-        own = [np.asarray(x, float) for x in (self.cascade.position_gain, self.cascade.speed_gain, self.cascade.integral_gain)]
+        own = [
+            np.asarray(x, float)
+            for x in (self.cascade.position_gain, self.cascade.speed_gain, self.cascade.integral_gain)
+        ]
         h = self.servo.sample_time
         common = [self.servo.speed_feedforward, max(self.servo.reference_filter_s, FIRST_FILTER * h), h]
         p = np.concatenate([np.log(np.maximum(np.concatenate(own), 1e-6)), common])
@@ -251,18 +259,30 @@ class _Fit:
     def result(self, p: np.ndarray, e: np.ndarray, J: np.ndarray) -> ServoFit:
         """The servo with standard deviations, whose residuals may depend on each other within `BLOCK_S`."""
         n_m, n = self.robot.n_m, len(self.record.time)
-        block = max(int(round(BLOCK_S / self.record.period)), 1)
+        block = max(round(BLOCK_S / self.record.period), 1)
         scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
         Js = (J / scale).reshape(n, n_m, -1)
         inverse = np.linalg.pinv(np.einsum("nmp,nmq->pq", Js, Js), rcond=1e-14)
         scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, e.reshape(n, n_m)), np.arange(0, n, block))
         sd = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse)) / scale
         gains = np.exp(p[: self.gains]).reshape(3, n_m)
-        found = replace(self.servo_of(p), feedback=replace(self.cascade, position_gain=gains[0], speed_gain=gains[1], integral_gain=gains[2]))
+        found = replace(
+            self.servo_of(p),
+            feedback=replace(self.cascade, position_gain=gains[0], speed_gain=gains[1], integral_gain=gains[2]),
+        )
         lag = (self.record.command - self.record.angle) @ self.robot.eta.T
         unexplained = np.sqrt((e.reshape(n, n_m) ** 2).mean(axis=0))
         of_all = float(1.0 - (e**2).sum() / max(((lag - lag[0]) ** 2).sum(), 1e-300))
+        common = dict(zip(COMMON, map(float, sd[self.gains :]), strict=True))
         return ServoFit(
-            found, float(p[-1]), sd[: self.gains].reshape(3, n_m), dict(zip(COMMON, map(float, sd[self.gains :]), strict=True)),
-            unexplained, of_all, tuple(motor.name for motor in self.robot.motors), self.record, self.interpolation, self.robot.title,
-        )  # fmt: skip
+            servo=found,
+            latency_s=float(p[-1]),
+            gain_sd=sd[: self.gains].reshape(3, n_m),
+            common_sd=common,
+            unexplained=unexplained,
+            explained=of_all,
+            motors=tuple(motor.name for motor in self.robot.motors),
+            record=self.record,
+            interpolation=self.interpolation,
+            model=self.robot.title,
+        )

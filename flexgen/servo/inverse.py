@@ -76,7 +76,9 @@ def _invert_filters(filters: Sequence[Filter], h: float, u: np.ndarray) -> np.nd
         b0, b1, b2, a1, a2 = each.section(h)
         b, total = np.array([b0, b1, b2]), b0 + b1 + b2
         if abs(total) < AT_ONE * np.abs(b).sum():
-            raise ArgumentError(f"servo: given the filter {each}, with a zero at z = 1, expected one that passes a constant")
+            raise ArgumentError(
+                f"servo: given the filter {each}, with a zero at z = 1, expected one that passes a constant"
+            )
         n = len(u)
         N = csc_matrix(diags_array(list(b / total), offsets=[0, -1, -2], shape=(n, n)))
         R = csc_matrix(diags_array([1.0, -2.0, 1.0], offsets=[0, -1, -2], shape=(n, n)))

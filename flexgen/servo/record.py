@@ -59,13 +59,17 @@ class ServoRecord:
             raise ArgumentError(f"{where}: given {n} rows, expected {FEWEST} to {MOST}")
         shapes = [np.shape(x) for x in (self.command, self.angle)]
         if shapes[0] != shapes[1] or len(shapes[0]) != 2 or shapes[0][0] != n:
-            raise ArgumentError(f"{where}: given commands {shapes[0]}, angles {shapes[1]}, expected ({n}, joints) of both")
+            raise ArgumentError(
+                f"{where}: given commands {shapes[0]}, angles {shapes[1]}, expected ({n}, joints) of both"
+            )
         if not all(np.isfinite(x).all() for x in (self.time, self.command, self.angle)):
             raise ArgumentError(f"{where}: given NaN or infinity, expected finite numbers")
         steps = np.diff(self.time)
         if not (np.abs(steps - steps.mean()) <= EVEN * steps.mean()).all() or steps.mean() <= 0.0:
             row = int(np.argmax(np.abs(steps - np.median(steps)))) + 2
-            raise ArgumentError(f"{where}: given unequal steps in time at row {row}, expected one period between all rows")
+            raise ArgumentError(
+                f"{where}: given unequal steps in time at row {row}, expected one period between all rows"
+            )
 
     @property
     def period(self) -> float:

@@ -13,8 +13,8 @@ from flexgen.display import Figure, figure_rows, format_size, plain
 from flexgen.loop.result import ControlRun
 from flexgen.results import Result
 from flexgen.servo.servo import Servo
-from flexgen.trajectory import Trajectory
 from flexgen.spec.ports import Port
+from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
 UNITS = {"rad": {"deg": np.pi / 180.0, "rad": 1.0}, "m": {"deg": 1e-3, "rad": 1.0}}
@@ -144,8 +144,12 @@ class PositionCommands(Result):
         )
 
     def _rows(self) -> list[tuple[str, str]]:
-        largest = zip(self.joints, self.units, np.abs(self.speed).max(axis=0), np.abs(self.acceleration).max(axis=0), strict=True)
-        shown = [(f"{name}, commanded up to", f"{format_size(v, u)}/s, {format_size(a, u)}/s^2") for name, u, v, a in largest]
+        largest = zip(
+            self.joints, self.units, np.abs(self.speed).max(axis=0), np.abs(self.acceleration).max(axis=0), strict=True
+        )
+        shown = [
+            (f"{name}, commanded up to", f"{format_size(v, u)}/s, {format_size(a, u)}/s^2") for name, u, v, a in largest
+        ]
         return [*figure_rows(self.figures()), *shown]
 
     def to_dict(self) -> dict[str, Any]:
@@ -165,7 +169,12 @@ class PositionCommands(Result):
         meta = {"model": self.run.model.name, "kind": "position commands", "interpolation": self.interpolation}
         labels = {"command_m": motors, "command_g": self.joints}
         return Trajectory(
-            self.time, {"command_m": self.motor, "command_g": self.joint}, ports, labels, meta, {"command_g": self.units}
+            self.time,
+            {"command_m": self.motor, "command_g": self.joint},
+            ports,
+            labels,
+            meta,
+            {"command_g": self.units},
         )
 
     def save(self, path: str | Path, unit: Literal["deg", "rad"] = "deg") -> Path:

@@ -1,7 +1,4 @@
-"""The position servo of a robot: a P-PI cascade, with speed feedforward and a filter of its reference.
-
-    r' = r_f + (1/h)(r - r_f) ... see `Servo`;    u = F(z) k_v (w + k_i int w dt),    w = f dr'/dt + k_p (r' - q) - dq/dt
-"""
+"""The position servo of a robot: a P-PI cascade with speed feedforward and a filter of its reference; its file."""
 
 from __future__ import annotations
 
@@ -133,13 +130,19 @@ def _maker(form: Format) -> Any:
 
 
 _OWN = (
-    Key("speed_feedforward", number(least=0.0, most=MOST_FEEDFORWARD), "part of the speed of the reference", default=1.0),
+    Key(
+        "speed_feedforward", number(least=0.0, most=MOST_FEEDFORWARD), "part of the speed of the reference", default=1.0
+    ),
     Key("reference_filter_s", number(least=0.0, most=SLOWEST), "filter of the reference, time constant", "s", 0.0),
     Key("sample_time", number(least=1e-6, most=SLOWEST), "sample time", "s", SAMPLE_S),
     Key("delay", number(least=0.0, most=SLOWEST), "from the measurement to the torque", "s", 0.0),
 )
 SERVO = Kinds(
     "position servo",
-    {kind: Format(form.doc, (*form.keys, *_OWN), _maker(form)) for kind, form in CONTROLLER.kinds.items() if kind != "linear"},
+    {
+        kind: Format(form.doc, (*form.keys, *_OWN), _maker(form))
+        for kind, form in CONTROLLER.kinds.items()
+        if kind != "linear"
+    },
     shared=CONTROLLER.shared,
 )

@@ -32,9 +32,9 @@ NONSENSE: tuple[Any, ...] = (
 # Functions and methods that compute for seconds where nothing is wrong: called with one wrong type at least.
 HEAVY = set(
     "solve sweep generate excite measure frf identify refine fit_motion control feedback_study tune fastest "
-    "identify_load learn predict compare export_fmu score export_mex export_plcopen export_ros2 export_selftest "
-    "export_simulink export_mujoco export_urdf view models kinematics simulate load check report verdict then plot "
-    "to_dataframe to_xarray to_control".split()
+    "identify_load identify_servo command_positions learn predict compare export_fmu score export_mex export_plcopen "
+    "export_ros2 export_selftest export_simulink export_mujoco export_urdf view models kinematics simulate load check "
+    "report verdict then plot to_dataframe to_xarray to_control".split()
 )
 NEVER = {"executor", "controller", "raw"}  # objects of the user, called by flexgen
 LONGEST = 4.0  # s of the processor, of one call
@@ -86,7 +86,9 @@ def more_objects(folder: Path) -> dict[type, Any]:
     spectra = flexgen.measure(plan, **quiet)
     responses = flexgen.frf(spectra)
     library = flexgen.load(flexgen.generate("elbow", folder, **quiet).directory)
-    path = known[flexgen.Path]
+    path, t = known[flexgen.Path], np.arange(200) * 0.004
+    moved = (1 - np.cos(2 * t)[:, None]) ** 2 * [0.1, -0.05]
+    record = flexgen.ServoRecord(t, moved, moved)
     objects = [
         *(run, run.runs[0], run.loops()["begin"], run.margins()["begin"], plan, spectra, responses),
         *(flexgen.check("elbow"), flexgen.identify("elbow", responses, **quiet), library, library.gravity),
@@ -96,7 +98,8 @@ def more_objects(folder: Path) -> dict[type, Any]:
         *(flexgen.ExtendedKalmanFilter(robot), flexgen.ConstantGainObserver(known[flexgen.Solution])),
         flexgen.CollisionDetector(robot, 1e-3),
         flexgen.predict(flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}}), robots=16, **quiet),
-        calibrated(),
+        *(calibrated(), flexgen.Servo(flexgen.PPI()), record, flexgen.identify_servo("elbow", record, **quiet)),
+        flexgen.command_positions("elbow", solution=known[flexgen.Solution], **quiet),
     ]
     return known | {type(thing): thing for thing in objects}
 

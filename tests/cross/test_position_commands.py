@@ -1,0 +1,329 @@
+"""Positions that are sent to a robot with servos, against MuJoCo and a servo of this file that shares no code.
+
+The table for the interface is read from its CSV file; the servo interpolates it, filters it and controls the motors of
+the exported robot; MuJoCo moves that robot between two samples of the servo.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.exports.mujoco import mjcf
+from flexgen.exports.mujoco_checks import with_friction
+from flexgen.numerics.evaluate import evaluate
+
+mujoco = pytest.importorskip("mujoco")
+STEP = 1e-4  # s, of MuJoCo
+
+
+@dataclass
+class OwnServo:
+    """A P-PI servo as in textbooks, sample by sample, about the torque that holds the robot where it begins."""
+
+    k_p: np.ndarray
+    k_v: np.ndarray
+    k_i: np.ndarray
+    hold: np.ndarray
+    start: np.ndarray
+    feedforward: float = 1.0
+    filter_s: float = 0.0
+    h: float = 5e-4
+
+    def __post_init__(self) -> None:
+        self.reference, self.before, self.angle = self.start.copy(), self.start.copy(), self.start.copy()
+        self.integral = np.zeros_like(self.start)
+
+    def torque(self, command: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        share = 1.0 if self.filter_s == 0.0 else 1.0 - np.exp(-self.h / self.filter_s)
+        self.reference = self.reference + share * (command - self.reference)
+        wanted = self.feedforward * (self.reference - self.before) / self.h + self.k_p * (self.reference - angle)
+        error = wanted - (angle - self.angle) / self.h
+        self.integral = self.integral + self.h * error
+        self.before, self.angle = self.reference, angle
+        return self.hold + self.k_v * (error + self.k_i * self.integral)
+
+
+def position_at(time: np.ndarray, rows: np.ndarray, t: float, interpolation: str) -> np.ndarray:
+    """The position between two rows of a table; at rest before and after it."""
+    x = (t - time[0]) / (time[1] - time[0])
+    if x <= 0.0 or x >= len(time) - 1 - 1e-9:
+        return rows[0 if x <= 0.0 else -1]
+    j = int(x + 1e-9)
+    x = max(x - j, 0.0)
+    if interpolation == "hold":
+        return rows[j]
+    if interpolation == "linear":
+        return (1 - x) * rows[j] + x * rows[j + 1]
+    a, b, c, d = (rows[min(max(k, 0), len(rows) - 1)] for k in range(j - 1, j + 3))
+    m0, m1 = (c - a) / 2, (d - b) / 2
+    return (2 * x**3 - 3 * x**2 + 1) * b + (x**3 - 2 * x**2 + x) * m0 + (3 * x**2 - 2 * x**3) * c + (x**3 - x**2) * m1
+
+
+def read_table(file: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Time [s] and joints [rad] of a table in degrees."""
+    rows = list(csv.reader(file.read_text().splitlines()))
+    assert rows[0][0] == "time_s" and all(name.endswith("_deg") for name in rows[0][1:])
+    values = np.array(rows[1:], float)
+    return values[:, 0], np.deg2rad(values[:, 1:])
+
+
+class InMujoco:
+    """A robot in MuJoCo under servos."""
+
+    def __init__(self, model: flexgen.RobotModel, q_a: np.ndarray, q_m: np.ndarray) -> None:
+        self.model, self.i_m = model, list(model.i_m)
+        self.m = mujoco.MjModel.from_xml_string(mjcf(model))
+        self.d = mujoco.MjData(self.m)
+        names = [c.name for c in model.coordinates] + [f"rotor.{model.motors[j].name}" for j in self.i_m]
+        self.at = self.m.jnt_dofadr[[self.m.joint(name).id for name in names]]
+        self.motors = [self.m.actuator(motor.name).id for motor in model.motors]
+        self.m.opt.timestep = STEP
+        self.d.qpos[self.at] = np.concatenate([q_a, q_m[self.i_m]])
+
+    @property
+    def angles(self) -> np.ndarray:
+        arm = self.d.qpos[self.at[: self.model.n_a]]
+        out = self.model.eta @ arm[list(self.model.i_g)]  # of rigid gears
+        out[self.i_m] = self.d.qpos[self.at[self.model.n_a :]]
+        return out
+
+    def follow(self, servo: OwnServo, command, first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Instants, arm angles and motor angles at the samples of the servo."""
+        steps, times, arm, motors = round(servo.h / STEP), [], [], []
+        for k in range(round((last - first) / servo.h)):
+            t = first + k * servo.h
+            times.append(t)
+            arm.append(self.d.qpos[self.at[: self.model.n_a]].copy())
+            motors.append(self.angles)
+            self.d.ctrl[self.motors] = servo.torque(command(t), motors[-1])
+            for _ in range(steps):
+                mujoco.mj_step(self.m, self.d)
+        return np.array(times), np.array(arm), np.array(motors)
+
+
+def robot_of(name: str) -> flexgen.RobotModel:
+    return with_friction(flexgen.read(name), "viscous")  # what MuJoCo has
+
+
+def servo_of(found: flexgen.PositionCommands, gains: flexgen.Cascade, **changes) -> OwnServo:
+    hold, start = found.run.reference.held[0], found.run.solution.trajectory["q_m"][0]
+    k = [np.asarray(x, float) for x in (gains.position_gain, gains.speed_gain, gains.integral_gain)]
+    own = OwnServo(*k, hold, start, found.servo.speed_feedforward, found.servo.reference_filter_s)
+    return replace(own, **changes)
+
+
+def error_in_mujoco(found: flexgen.PositionCommands, folder: Path, late: float = 0.0, **changes) -> float:
+    """Largest distance [m] of the tool from the path, of a robot that is sent the table; ``late``: it begins later."""
+    time, joints = read_table(found.save(folder / "positions.csv"))
+    return error_with(found, time + late, joints, **changes)
+
+
+def error_with(found: flexgen.PositionCommands, time: np.ndarray, joints: np.ndarray, **changes) -> float:
+    model, path = found.run.model, found.run.solution.trajectory
+    servo = servo_of(found, found.run.law, **changes)
+    robot = InMujoco(model, path["q_a"][0], path["q_m"][0])
+    first = min(float(path.time[0]), float(time[0])) - 0.02
+    first = found.run.reference.time[np.searchsorted(found.run.reference.time, first)]
+    rows = joints @ model.eta.T
+    t, arm, _ = robot.follow(
+        servo, lambda at: position_at(time, rows, at, found.interpolation), first, path.time[-1] + 0.3
+    )
+    y = evaluate(flexgen.derive(model).function("output"), arm)[0].reshape(len(t), -1)
+    wanted = path.at(np.clip(t, path.time[0], path.time[-1]))["y_ref"]
+    return float(np.linalg.norm((y - wanted)[:, :2], axis=1).max())
+
+
+@pytest.fixture(scope="module")
+def solved() -> dict[str, flexgen.Solution]:
+    return {name: flexgen.solve(robot_of(name), progress=False) for name in ("elbow", "planar5_nmp")}
+
+
+@pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
+def test_mujoco_under_the_table_follows_the_path(solved, tmp_path, name):
+    """Interpolation by straight lines each 4 ms; planted: gains and start of the table that are wrong."""
+    found = flexgen.command_positions(robot_of(name), solution=solved[name], progress=False)
+    assert found.status == "solved" and found.tool_error_max_m < 2e-6 < 1e-4 < found.today_error_max_m
+    assert error_in_mujoco(found, tmp_path) < 2e-6
+    gains = found.run.law
+    assert error_in_mujoco(found, tmp_path, k_p=1.1 * np.asarray(gains.position_gain)) > 1e-5
+    assert error_in_mujoco(found, tmp_path, late=5e-4) > 1e-5
+    assert error_in_mujoco(found, tmp_path, feedforward=0.9) > 1e-4
+
+
+@pytest.mark.parametrize("interpolation", ["cubic", "hold"])
+def test_other_interpolations_and_servos_in_mujoco(solved, tmp_path, interpolation):
+    servo = flexgen.Servo(flexgen.PPI(position_hz=4.0), speed_feedforward=0.3, reference_filter_s=0.004)
+    period = 0.008 if interpolation == "cubic" else 0.001
+    found = flexgen.command_positions(
+        robot_of("planar5_nmp"), solution=solved["planar5_nmp"], servo=servo, period=period,
+        interpolation=interpolation, progress=False,
+    )  # fmt: skip
+    stated = found.tool_error_max_m
+    assert stated < (1e-7 if interpolation == "cubic" else 1e-4)
+    assert error_in_mujoco(found, tmp_path) == pytest.approx(stated, rel=0.1, abs=1e-7)
+    assert error_in_mujoco(found, tmp_path, filter_s=0.0) > 1e-3  # planted: without the filter
+
+
+def test_a_servo_without_integral_part_holds_the_arm_by_an_offset(solved, tmp_path):
+    found = flexgen.command_positions(
+        robot_of("planar5_nmp"), solution=solved["planar5_nmp"], servo=flexgen.PPI(integral_hz=0.0), progress=False
+    )
+    gains, hold = found.run.law, found.run.reference.held[0]
+    offset = found.motor[0] - solved["planar5_nmp"].trajectory["q_m"][0]
+    np.testing.assert_allclose(offset, hold / (gains.position_gain * gains.speed_gain), atol=2e-9)
+    time, joints = read_table(found.save(tmp_path / "positions.csv"))
+    start = solved["planar5_nmp"].trajectory["q_m"][0] + offset  # the servo is at rest with the offset, without bias
+    with_offset = servo_of(found, gains, hold=np.zeros(len(hold)), start=start)
+    with_offset.angle = start - offset
+    assert error_with(found, time, joints - offset @ np.linalg.inv(found.run.model.eta).T) < 2e-6
+    model = found.run.model
+    robot = InMujoco(model, solved["planar5_nmp"].trajectory["q_a"][0], start - offset)
+    _, arm, _ = robot.follow(with_offset, lambda t: start, 0.0, 0.2)
+    assert np.abs(arm[-1] - arm[0]).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_mujoco_of_six_axes_under_the_table(tmp_path):
+    """The first 0.6 s of its move."""
+    robot = robot_of("manutec_r3_18")
+    found = flexgen.command_positions(robot, progress=False)
+    assert found.tool_error_max_m < 2e-6
+    assert error_in_mujoco(found, tmp_path) < 2e-6
+
+
+def test_limits_of_the_commands_are_kept_and_their_cost_is_stated(solved):
+    given = {"solution": solved["planar5_nmp"], "progress": False}
+    free = flexgen.command_positions(robot_of("planar5_nmp"), **given)
+    speed, acceleration = np.abs(free.speed).max(axis=0), np.abs(free.acceleration).max(axis=0)
+    same = flexgen.command_positions(robot_of("planar5_nmp"), speed=1.01 * speed, **given)
+    assert same.active == () and np.array_equal(same.joint, free.joint)
+    found = flexgen.command_positions(robot_of("planar5_nmp"), acceleration=0.8 * acceleration, **given)
+    assert found.active == ("acceleration of q1", "acceleration of q2") and found.status.startswith("limits active")
+    assert (np.abs(found.acceleration) <= 0.8 * acceleration * (1 + 1e-6)).all()
+    assert found.tool_error_max_m > 10 * free.tool_error_max_m
+
+
+def test_filters_of_the_torque_are_inverted(solved):
+    """A low pass has zeros at z = -1: the least squares over the motion inverts them."""
+    servo = flexgen.Servo(flexgen.PPI(filters=(flexgen.LowPass(300.0), flexgen.Notch(60.0))))
+    found = flexgen.command_positions(
+        robot_of("planar5_nmp"), solution=solved["planar5_nmp"], servo=servo, progress=False
+    )
+    assert found.tool_error_max_m < 2e-6
+
+
+# --- identification ---------------------------------------------------------------------------------------------------
+
+
+def recorded(
+    model: flexgen.RobotModel, servo: OwnServo, q_a: np.ndarray, seconds: float, latency: float, folder: Path
+) -> Path:
+    """A CSV file of commands each 4 ms and measured joints, of a robot in MuJoCo; noise of the motors 1e-4 rad."""
+    rng, t = np.random.default_rng(3), 4e-3 * np.arange(round(seconds / 4e-3))
+    r = np.clip((t - 0.1) / 0.5, 0.0, 1.0)
+    window, home = r**3 * (10 - 15 * r + 6 * r**2), np.linalg.solve(model.eta, servo.start)
+    moved = np.zeros((len(t), model.n_g))
+    for j in range(model.n_g):
+        for hz in rng.uniform(0.3, 4.0, 12):
+            moved[:, j] += 0.08 * rng.normal() / hz * np.sin(2 * np.pi * hz * t + rng.uniform(0, 6.28))
+    command = home + window[:, None] * moved
+    robot, rows = InMujoco(model, q_a, servo.start), command @ model.eta.T
+    at, _, motors = robot.follow(servo, lambda s: position_at(t + latency, rows, s, "linear"), 0.0, seconds)
+    motors = motors + 1e-4 * rng.standard_normal(motors.shape)
+    angle = np.array([np.interp(t, at, x) for x in motors.T]).T @ np.linalg.inv(model.eta).T
+    names = [model.coordinates[i].name for i in model.i_g]
+    head = ["time_ms", *(f"{name}_command_deg" for name in names), *(f"{name}_deg" for name in names)]
+    table = np.column_stack([1e3 * t, np.rad2deg(command), np.rad2deg(angle)])
+    file = folder / "record.csv"
+    file.write_text("\n".join([",".join(head), *(",".join(f"{x:.10g}" for x in row) for row in table)]) + "\n")
+    return file
+
+
+def test_a_servo_identified_from_ten_seconds_leaves_five_percent(solved, tmp_path):
+    """Its gains are 0.75 to 1.4 of those where the search begins; the record comes from MuJoCo."""
+    model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory
+    usual = flexgen.command_positions(model, solution=solved["planar5_nmp"], progress=False)
+    k = [np.asarray(x) for x in (usual.run.law.position_gain, usual.run.law.speed_gain, usual.run.law.integral_gain)]
+    true = {
+        "k_p": k[0] * [0.75, 1.3], "k_v": k[1] * [1.4, 0.8], "k_i": k[2] * [1.2, 0.9], "feedforward": 0.85,
+        "filter_s": 2.5e-3,
+    }  # fmt: skip
+    servo = servo_of(usual, usual.run.law, **true)
+    fit = flexgen.identify_servo(model, recorded(model, servo, path["q_a"][0], 10.0, 3e-3, tmp_path), progress=False)
+    assert fit.problem == "" and fit.latency_s == pytest.approx(3e-3, abs=1e-4)
+    for gain, sd, wanted in zip(
+        ("position_gain", "speed_gain", "integral_gain"), fit.gain_sd, list(true.values())[:3], strict=True
+    ):
+        error = np.asarray(getattr(fit.servo.feedback, gain)) / wanted - 1
+        assert (np.abs(error) < 0.02).all() and (np.abs(error) < 5 * sd + 2e-3).all()
+    read = flexgen.Servo.read(fit.save(tmp_path / "servo.toml"))
+    found = flexgen.command_positions(model, solution=solved["planar5_nmp"], servo=read, progress=False)
+    today = flexgen.solve(model, progress=False).trajectory
+    edges = 4e-3 * np.arange(int(today.time[-1] / 4e-3) + 2)
+    angles = today.at(np.clip(edges, today.time[0], today.time[-1]))["q_m"] @ np.linalg.inv(model.eta).T
+    before = error_with(usual, edges, angles, **true)
+    assert error_in_mujoco(found, tmp_path, **{**true}) < 0.05 * before
+    assert error_in_mujoco(usual, tmp_path, **true) > 0.05 * before  # without identification
+
+
+def test_a_servo_of_another_structure_is_said_not_to_fit(solved, tmp_path):
+    """Commands that are not what the robot was sent: of another motion."""
+    model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory
+    usual = flexgen.command_positions(model, solution=solved["planar5_nmp"], progress=False)
+    servo = servo_of(usual, usual.run.law)
+    file = recorded(model, servo, path["q_a"][0], 4.0, 0.0, tmp_path)
+    record = flexgen.ServoRecord.read(file, model)
+    wrong = flexgen.ServoRecord(record.time, record.command, record.angle[:1] + 0.3 * np.sin(9 * record.time)[:, None])
+    assert "another structure" in flexgen.identify_servo(model, wrong, progress=False).problem
+
+
+# --- bad input --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"period": 1e-4}, "period: given 0.0001, expected from 0.0005 s"),
+        ({"servo": "lqg"}, "servo: given 'lqg', expected"),
+        ({"interpolation": "spline"}, "interpolation"),
+        ({"speed": [1.0]}, "speed: given"),
+        ({"servo": flexgen.Cascade([0.0, 1.0], [1.0, 1.0], [1.0, 1.0])}, "position_gain: given"),
+    ],
+)
+def test_bad_arguments_of_commands(solved, given, message):
+    with pytest.raises(ArgumentError, match=message):
+        flexgen.command_positions("elbow", solution=solved["elbow"], progress=False, **given)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("t,q1_deg\n", r"record.csv:1: given the columns t, q1_deg, expected time_s or time_ms"),
+        ("time_s,q1_command_deg,q1_deg\n", r"record.csv:1: given no column q2_command_rad or q2_command_deg"),
+        ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,x,1,1\n", r"record.csv:2: q2_command_deg: given 'x'"),
+        ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,1\n", r"given 1 rows, expected 100"),
+    ],
+)
+def test_bad_records(tmp_path, lines, message):
+    file = tmp_path / "record.csv"
+    file.write_text(lines)
+    with pytest.raises(ArgumentError, match=message):
+        flexgen.identify_servo("elbow", file, progress=False)
+
+
+def test_records_that_do_not_move_or_begin_in_motion():
+    t, still = 4e-3 * np.arange(200), np.zeros((200, 2))
+    with pytest.raises(ArgumentError, match="do not move q1, q2"):
+        flexgen.identify_servo("elbow", flexgen.ServoRecord(t, still, still), progress=False)
+    moving = np.sin(t)[:, None] * [1.0, 1.0]
+    with pytest.raises(ArgumentError, match="begins at rest"):
+        flexgen.identify_servo("elbow", flexgen.ServoRecord(t, moving, moving), progress=False)
+    with pytest.raises(ArgumentError, match="unequal steps in time at row"):
+        flexgen.ServoRecord(np.where(t > 0.4, t + 0.1, t), still, still)
