@@ -125,6 +125,12 @@ from flexgen.runtime.many_inversion import ManyInverter as ManyInverter
 from flexgen.runtime.path_inversion import Inverter as Inverter
 from flexgen.runtime.path_sampler import PathSampler as PathSampler
 from flexgen.runtime.stream import Stream as Stream
+from flexgen.servo.command import command_positions as command_positions
+from flexgen.servo.fit_result import ServoFit as ServoFit
+from flexgen.servo.identify import identify_servo as identify_servo
+from flexgen.servo.record import ServoRecord as ServoRecord
+from flexgen.servo.result import PositionCommands as PositionCommands
+from flexgen.servo.servo import Servo as Servo
 from flexgen.simulation.hold import TorqueCommand as TorqueCommand
 from flexgen.simulation.result import Simulation as Simulation
 from flexgen.simulation.simulate import simulate as simulate

@@ -21,6 +21,7 @@ KINDS = {
     "Sequence[float]": ("X ...", "numbers"),
     "Sequence[str]": ("NAME,NAME,...", "names"),
     "Trajectory | str | Path": ("TRAJECTORY", ""),
+    "ServoRecord | str | Path": ("DATA", ""),
 }
 LEFT_OUT = ("model", "progress")  # read and given by the command line
 FILES = [

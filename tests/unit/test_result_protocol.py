@@ -31,7 +31,8 @@ NO_PICTURE = {
 INPUT = "an argument of functions"
 NO_RESULT = {
     **dict.fromkeys(
-        "Cascade ComputedTorque FeedbackLinearisation JointTorqueFeedback Linear LowPass LQ".split(), INPUT
+        "Cascade ComputedTorque FeedbackLinearisation JointTorqueFeedback Linear LowPass LQ Servo ServoRecord".split(),
+        INPUT,
     ),
     **dict.fromkeys("LQG LoopShaping Notch PID PPI TomeiPD Move MoveC MoveJ MoveL PoseTarget Program".split(), INPUT),
     **dict.fromkeys("RandomMove Grid HalfSpace Sphere Limits Disturbance DriveHardware RobotModel".split(), INPUT),
