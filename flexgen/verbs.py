@@ -290,8 +290,8 @@ command-positions MODEL | | command_positions
     robot
         servo FILE text: of the robot: ppi (proposed gains, the default) or a .toml file, such as that of 'flexgen
             identify-servo --out'
-        plants NAME:KEY=X,... plant several --plant: another robot: {FACTORS}; such as soft:stiffness=0.8,payload=5; may
-            be repeated
+        plants NAME:KEY=X,... plant several: another robot: {FACTORS}; such as soft:stiffness=0.8,payload=5; may be
+            repeated
     interface
         period S positive: between two positions [s], such as 0.004, 0.008 or 0.012; default: {default}
         interpolation in=linear/cubic/hold: of the robot between two positions; default: {default}

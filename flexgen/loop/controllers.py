@@ -124,7 +124,8 @@ class Cascade:
 
         w = v_ref + position_gain (q_ref - q) - v,    u = tau_ff + F(z) speed_gain (w + integral_gain int w dt)
 
-    ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s]: (n_m,) each. The speed is the
+    ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s]: (n_m,) each, or
+    (robots, n_m) where the robots of a simulation have other gains. The speed is the
     difference of two samples of the measured angle, and the same difference of the reference, so that a filter of the
     speed alone does not show in the error. ``filters``: F, the same for all motors. ``torque_max`` (n_m,) [N m]: above
     it the integral does not grow; None: no limit.
@@ -152,16 +153,18 @@ class Cascade:
 
     def compiled(self, setup: Setup) -> Compiled:
         """The controller in C, for robots that rest at ``setup.q_m``."""
-        n, sections = setup.n_m, self._sections(setup.sample_s)
+        n, robots, sections = setup.n_m, len(setup.q_m), self._sections(setup.sample_s)
         most = np.zeros(n) if self.torque_max is None else np.asarray(self.torque_max, dtype=float)
         gains = [np.asarray(x, dtype=float) for x in (self.position_gain, self.speed_gain, self.integral_gain)]
         for name, x in zip(("position_gain", "speed_gain", "integral_gain", "torque_max"), (*gains, most), strict=True):
-            if x.shape != (n,) or not np.isfinite(x).all():
+            if x.shape not in ((n,), (robots, n)) or not np.isfinite(x).all():
                 raise ArgumentError(f"controller, {name}: given {x}, expected {n} finite numbers, one for each motor")
         head = np.array([n, setup.n_y, len(sections)], np.int64).view(np.float64)
-        fixed = np.concatenate([head, [setup.sample_s], *gains, most, sections.ravel()])
-        memory = np.zeros((len(setup.q_m), len(fixed) + 3 * n + 2 * n * len(sections)))
+        of_each = np.hstack([np.broadcast_to(x, (robots, n)) for x in (*gains, most)])
+        fixed = np.concatenate([head, [setup.sample_s], of_each[0], sections.ravel()])
+        memory = np.zeros((robots, len(fixed) + 3 * n + 2 * n * len(sections)))
         memory[:, : len(fixed)] = fixed
+        memory[:, 4 : 4 + 4 * n] = of_each
         for k in range(2):
             memory[:, len(fixed) + k * n : len(fixed) + (k + 1) * n] = setup.q_m
         return _in_c("flexgen_loop_cascade", memory, 8 * len(fixed))

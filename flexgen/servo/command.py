@@ -117,7 +117,7 @@ def command_positions(
     trajectory = case.solution.trajectory
     planned = trajectory.at(np.clip(edges, trajectory.time[0], trajectory.time[-1]))["q_m"] @ joints
     today = _simulate(case, own, found, B @ planned, "planned motor angles")
-    kept = _moving(samples)
+    kept = _cut_rest(samples)
     shown = samples[kept] + holding_offset(found, reference.held[0]) @ joints
     names, units = zip(*((c.name, c.unit) for c in (case.model.coordinates[i] for i in case.model.i_g)), strict=True)
     return PositionCommands(
@@ -178,7 +178,7 @@ def _simulate(case: Case, servo: Servo, gains: Cascade, r: np.ndarray, name: str
     return run_case(replace(case, reference=reference), gains, name)
 
 
-def _moving(samples: np.ndarray) -> slice:
+def _cut_rest(samples: np.ndarray) -> slice:
     """From the last position at rest before the motion to the first one after it."""
     far = np.flatnonzero(np.abs(samples - samples[0]).max(axis=1) > AT_REST)
     first = max(int(far[0]) - 1, 0) if far.size else 0

@@ -52,9 +52,10 @@ class ServoFit(Result):
     Examples
     --------
     >>> import numpy as np
-    >>> t = np.arange(500) * 0.004
-    >>> command = 0.2 * (1 - np.cos(3 * t)[:, None] ** 2) * [1.0, -0.5]
-    >>> found = flexgen.identify_servo("elbow", flexgen.ServoRecord(t, command, command))
+    >>> run = flexgen.command_positions("elbow").today  # a robot that is sent the planned motor angles
+    >>> joints = np.linalg.inv(run.model.eta).T
+    >>> sent, measured = run.reference.motion["q_m"] @ joints, run.nominal.measured @ joints
+    >>> found = flexgen.identify_servo("elbow", flexgen.ServoRecord(run.reference.time, sent, measured))
     >>> found.servo.sample_time, found.motors
     (0.0005, ('m1', 'm2'))
     """

@@ -57,7 +57,7 @@ class PositionCommands(Result):
     >>> found.joint.shape[1], found.interpolation
     (2, 'linear')
     >>> f"{1e6 * found.tool_error_max_m:.1f} um instead of {1e6 * found.today_error_max_m:.0f} um"
-    '0.3 um instead of 1570 um'
+    '0.1 um instead of 1552 um'
     """
 
     time: np.ndarray

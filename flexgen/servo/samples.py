@@ -11,17 +11,16 @@ The samples are those whose interpolation is closest to the reference that is wa
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
 
 import casadi as ca
 import numpy as np
 from scipy.sparse import csc_matrix, diags_array, vstack
 from scipy.sparse.linalg import splu
 
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.errors import SolverError
 
 Interpolation = Literal["hold", "linear", "cubic"]
-INTERPOLATIONS = get_args(Interpolation)
 _DIFFERENCES = {1: [-1.0, 1.0], 2: [1.0, -2.0, 1.0]}
 SLACK = 1e-9  # relative: a bound that is reached is kept
 QP = {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 200_000, "polish": True}
@@ -80,9 +79,3 @@ def fit_within(
             )
         out[:, j] = scale * np.asarray(found["x"]).ravel()
     return out + r[0]
-
-
-def check_interpolation(given: str) -> None:
-    """ArgumentError for an unknown interpolation."""
-    if given not in INTERPOLATIONS:
-        raise ArgumentError(f"interpolation: given {given!r}, expected one of {', '.join(INTERPOLATIONS)}")

@@ -142,6 +142,7 @@ PARAMETERS = {
     "runtime/limited_inversion.py __call__": 19,  # the members of the samples and of the options in C
     "runtime/path_inversion.py __call__": 15,  # the members of the samples and of the options in C
     "runtime/stream.py __init__": 13,  # the options of `Library.stream`
+    "servo/command.py command_positions": 10,  # a verb
     "simulation/simulate.py simulate": 9,  # a verb
 }
 
