@@ -29,7 +29,7 @@ from flexgen.progress import Choice, reported
 from flexgen.servo.inverse import holding_offset, invert_servo
 from flexgen.servo.result import PositionCommands
 from flexgen.servo.samples import Interpolation, basis, fit_samples, fit_within
-from flexgen.servo.servo import Servo, servo_of
+from flexgen.servo.servo import Servo, filter_reference, servo_of
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_types
 
@@ -172,7 +172,7 @@ def _fit(
 
 def _simulate(case: Case, servo: Servo, gains: Cascade, r: np.ndarray, name: str) -> ControlRun:
     """Servo and robots with a reference (n, n_g) at the samples of the servo, which holds the robot at the start."""
-    used = servo.filter_reference(r @ case.model.eta.T, np.asarray(gains.position_gain, float))
+    used = filter_reference(servo, r @ case.model.eta.T, np.asarray(gains.position_gain, float))
     held = np.tile(case.reference.held[0], (len(used), 1))
     reference = replace(case.reference, motion={**case.reference.motion, "q_m": used}, held=held)
     return run_case(replace(case, reference=reference), gains, name)

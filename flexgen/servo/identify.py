@@ -29,7 +29,7 @@ from flexgen.runtime.library import Library
 from flexgen.servo.fit_result import ServoFit
 from flexgen.servo.record import ServoRecord
 from flexgen.servo.samples import Interpolation, basis
-from flexgen.servo.servo import Servo, servo_of
+from flexgen.servo.servo import Servo, filter_reference, servo_of
 from flexgen.type_checks import checked_types
 
 STILL_S, STILL = 0.05, 1e-3  # the command rests for so long at the begin, up to this part of its range
@@ -230,7 +230,7 @@ class _Fit:
         edges, known = self.record.time, self.record.command @ self.robot.eta.T
         plain = {late: basis(self.time - late, edges, self.interpolation) @ known for late in set(sets[:, -1])}
         for lane, own in enumerate(sets):
-            rows[:, lane, :n_m] = self.servo_of(own).filter_reference(plain[own[-1]], gains[0, lane])
+            rows[:, lane, :n_m] = filter_reference(self.servo_of(own), plain[own[-1]], gains[0, lane])
         loop = ClosedLoop(
             self.robot, self.library, DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ()),
             self._with_gains(gains), np.tile(self.rest[0], (lanes, 1)), np.tile(known[0], (lanes, 1)), self.rate,

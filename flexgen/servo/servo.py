@@ -82,25 +82,26 @@ class Servo:
         found: Servo = read(file_table(file_bytes(file, "servo"), file), SERVO, Context())
         return found
 
-    def filter_reference(self, r: np.ndarray, gain: np.ndarray) -> np.ndarray:
-        """What a cascade with full speed feedforward needs as reference, to do what this servo does with r (n, n_m).
-
-        ``gain`` (n_m,) [1/s]: k_p. At rest before the first sample.
-        """
-        h, x = self.sample_time, r - r[0]
-        if self.reference_filter_s > 0.0:
-            a = self.part_per_sample
-            x = lfilter([a], [1.0, a - 1.0], x, axis=0)
-        f, out = self.speed_feedforward, np.empty_like(x)
-        for j, k_p in enumerate(gain):
-            out[:, j] = lfilter([k_p + f / h, -f / h], [k_p + 1 / h, -1 / h], x[:, j])
-        return out + r[0]
-
     @property
     def part_per_sample(self) -> float:
         """Part of a step that passes the filter of the reference within a sample."""
         T = self.reference_filter_s
         return 1.0 if T == 0.0 else float(-np.expm1(-self.sample_time / T))
+
+
+def filter_reference(servo: Servo, r: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """What a cascade with full speed feedforward needs as reference, to do what this servo does with r (n, n_m).
+
+    ``gain`` (n_m,) [1/s]: k_p. At rest before the first sample.
+    """
+    h, x = servo.sample_time, r - r[0]
+    if servo.reference_filter_s > 0.0:
+        a = servo.part_per_sample
+        x = lfilter([a], [1.0, a - 1.0], x, axis=0)
+    f, out = servo.speed_feedforward, np.empty_like(x)
+    for j, k_p in enumerate(gain):
+        out[:, j] = lfilter([k_p + f / h, -f / h], [k_p + 1 / h, -1 / h], x[:, j])
+    return out + r[0]
 
 
 def servo_of(given: Any) -> Servo:
