@@ -115,7 +115,7 @@ CALLS = {
     "stream_options": (Stream.__init__,),
 }
 OWN = {"deviation"}  # of the limits: an array of the caller for a result
-NOT_OPTIONS = {"y", "dy", "ddy", "period", "q_start", "parameters", "self", "sizes", "entries"}
+NOT_OPTIONS = {"y", "dy", "ddy", "force", "period", "q_start", "parameters", "self", "sizes", "entries"}
 
 
 def different_options(struct: str, parameters: Mapping[str, inspect.Parameter]) -> list[str]:

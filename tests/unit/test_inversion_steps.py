@@ -73,6 +73,7 @@ class Problem(Made):
             "equations": derive(name),
             "mesh": None,
             "limits": None,
+            "force": None,
             "verify": True,
             "accuracy": 1e-5,
         }

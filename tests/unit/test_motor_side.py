@@ -148,6 +148,7 @@ def made_problem(**values: Any) -> Any:
         "windows": (0.1, 0.25),
         "mesh": None,
         "limits": None,
+        "force": None,
         "preview": None,
         "resolving": np.inf,
         "step": 1e-3,

@@ -1,0 +1,109 @@
+"""Position servos by other routes: the servo sample by sample, interpolations of scipy, a program by scipy's solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.interpolate import CubicHermiteSpline, interp1d
+from scipy.optimize import minimize
+
+from flexgen.errors import ArgumentError
+from flexgen.loop.controllers import Cascade, Notch
+from flexgen.servo.inverse import holding_offset, invert_servo
+from flexgen.servo.samples import basis, fit_samples, fit_within
+from flexgen.servo.servo import Servo
+
+H = 1e-3
+
+
+def gains(integral: float, **others: object) -> Cascade:
+    return Cascade(np.array([20.0, 31.0]), np.array([5.0, 0.7]), np.array([integral, 0.5 * integral]), **others)  # type: ignore[arg-type]
+
+
+def servo_torque(servo: Servo, law: Cascade, r: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The textbook's servo, one sample after the other, at rest before the first one."""
+    share = 1.0 - np.exp(-H / servo.reference_filter_s) if servo.reference_filter_s else 1.0
+    filtered, before, last, total, out = r[0].copy(), r[0].copy(), q[0], 0.0, []
+    for r_k, q_k in zip(r, q, strict=True):
+        filtered = filtered + share * (r_k - filtered)
+        w = servo.speed_feedforward * (filtered - before) / H + law.position_gain * (filtered - q_k) - (q_k - last) / H
+        total = total + H * w
+        out.append(law.speed_gain * (w + law.integral_gain * total))
+        before, last = filtered, q_k
+    return np.array(out)
+
+
+def motion(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and torques of two motors that rest at both ends."""
+    x = np.linspace(0.0, 1.0, n)[:, None]
+    window = (x * (1 - x)) ** 4 * 256
+    return 0.7 + window * np.sin(9 * x + [0.0, 1.0]), 3.0 + window * np.cos(17 * x + [0.3, 2.0])
+
+
+@pytest.mark.parametrize("integral", [0.0, 8.0])
+@pytest.mark.parametrize("feedforward", [0.0, 0.85, 1.0])
+@pytest.mark.parametrize("filter_s", [0.0, 4e-3])
+def test_the_inverse_of_a_servo_makes_it_send_the_torque(integral: float, feedforward: float, filter_s: float) -> None:
+    law, (q, torque) = gains(integral), motion()
+    servo = Servo(law, speed_feedforward=feedforward, reference_filter_s=filter_s, sample_time=H)
+    r = invert_servo(servo, law, torque, q)
+    assert_allclose(r[0], q[0], rtol=0, atol=1e-12)
+    assert_allclose(servo_torque(servo, law, r, q), torque - torque[0], rtol=0, atol=1e-9)
+    wrong = Servo(law, speed_feedforward=feedforward, reference_filter_s=filter_s + 2e-3, sample_time=H)
+    assert np.abs(servo_torque(wrong, law, r, q) - (torque - torque[0])).max() > 1e-2
+
+
+def test_gains_and_filters_without_inverse_are_refused() -> None:
+    q, torque = motion(20)
+    law = Cascade(np.array([20.0, 0.0]), np.ones(2), np.ones(2))
+    with pytest.raises(ArgumentError, match=r"servo, position_gain: given \[20\.  0\.\], expected numbers > 0"):
+        invert_servo(Servo(law, sample_time=H), law, torque, q)
+    law = gains(1.0, filters=(Notch(60.0),))
+    assert np.isfinite(invert_servo(Servo(law, sample_time=H), law, torque, q)).all()
+
+
+def test_a_motor_without_integral_part_needs_an_offset_to_hold() -> None:
+    law = Cascade(np.array([20.0, 30.0]), np.array([5.0, 0.5]), np.array([1.0, 0.0]))
+    assert_allclose(holding_offset(law, np.array([7.0, 6.0])), [0.0, 6.0 / 15.0])
+
+
+@pytest.mark.parametrize("interpolation", ["hold", "linear", "cubic"])
+def test_interpolations_are_those_of_scipy(interpolation: str) -> None:
+    edges = 0.3 + 4e-3 * np.arange(12)
+    time = np.linspace(edges[0], edges[-1], 178)
+    c = np.random.default_rng(4).standard_normal((12, 2))
+    ends = np.concatenate([c[:1], c, c[-1:]])
+    expected = {
+        "hold": lambda: interp1d(edges, c, kind="previous", axis=0)(time),
+        "linear": lambda: interp1d(edges, c, axis=0)(time),
+        "cubic": lambda: CubicHermiteSpline(edges, c, (ends[2:] - ends[:-2]) / 8e-3)(time),
+    }[interpolation]()
+    B = basis(time, edges, interpolation)
+    assert_allclose(B @ c, expected, atol=1e-9)
+    assert_allclose(fit_samples(B, B @ c), c, atol=1e-8)
+
+
+def test_samples_within_limits_are_those_of_another_solver() -> None:
+    T = 4e-3
+    edges = T * np.arange(20)
+    time = np.linspace(0.0, edges[-1], 300)
+    B = basis(time, edges, "linear")
+    r = (0.02 * np.sin(2 * np.pi * time / edges[-1]) ** 3)[:, None]
+    free = fit_samples(B, r)
+    speed, acceleration = np.abs(np.diff(free[:, 0])).max() / T, np.abs(np.diff(free[:, 0], 2)).max() / T**2
+    assert_allclose(fit_within(B, r, T, (np.array([1.1 * speed]), None)), free, atol=1e-7)
+    bound = 0.8 * acceleration * T**2
+    found = fit_within(B, r, T, (None, np.array([0.8 * acceleration])))
+    assert np.abs(np.diff(found[:, 0], 2)).max() <= bound
+    D = np.diff(np.eye(20), 2, axis=0)
+    kept = {"type": "ineq", "fun": lambda c: np.concatenate([bound - D @ c, bound + D @ c]) / bound}
+    other = minimize(
+        lambda c: 1e4 * np.sum((B @ c - r[:, 0]) ** 2),
+        free[:, 0],
+        constraints=kept,
+        options={"maxiter": 500},
+        tol=1e-14,
+    )
+    cost = [np.sum((B @ c - r[:, 0]) ** 2) for c in (found[:, 0], other.x)]
+    assert cost[0] <= cost[1] * (1 + 1e-4)
