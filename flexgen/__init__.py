@@ -221,6 +221,7 @@ _NOUNS = {
     "MoveL": "flexgen.model.moves",
     "Notch": "flexgen.loop.controllers",
     "Path": "flexgen.paths.path",
+    "PathAccuracy": "flexgen.paths.accuracy",
     "PathSample": "flexgen.paths.reference",
     "PathSampler": "flexgen.runtime.path_sampler",
     "Phase": "flexgen.planning.phase",

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexgen.display import Figure, both_measured, figure_rows, format_size
+from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
+from flexgen.model.output_columns import columns_in, unit_of
 from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation, error_figures, error_lines
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
+
+if TYPE_CHECKING:
+    from flexgen.paths.accuracy import PathAccuracy
 
 STATE_CHANNELS = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
@@ -176,6 +181,35 @@ class Solution(Result):
     def tool_error_max_rad(self) -> float | None:
         """Largest angle between the simulated output and the path [rad]; None where it was not measured."""
         return None if self.simulation is None else self.simulation.tool_error_max_rad
+
+    def accuracy(self, band: float = 1e-4) -> PathAccuracy:
+        """Path accuracy, settling, overshoot and speed of the simulated robot in the sense of ISO 9283.
+
+        Parameters
+        ----------
+        band : float [m, or rad where the output has no lengths]
+            Half width of the band of the settling time.
+
+        Returns
+        -------
+        PathAccuracy
+            Of one robot: without repeatabilities.
+
+        Raises
+        ------
+        ArgumentError
+            The solution was not verified by a simulation; the band is not a positive number.
+        """
+        from flexgen.paths.accuracy import path_accuracy
+
+        if self.simulation is None or "error" not in self.simulation.trajectory:
+            raise ArgumentError("accuracy: given a solution without verification, expected one with verify=True")
+        run, wanted, unit = self.simulation.trajectory, self.trajectory, unit_of(self.model)
+        columns = columns_in(self.model, unit)
+        y = np.column_stack([np.interp(run.time, wanted.time, x) for x in wanted["y_ref"].T[columns]])
+        attained = (y + run["error"][:, columns])[None]
+        named: dict[str, Any] = {"robots": (self.model.name,), "unit": unit, "band": band}
+        return path_accuracy(run.time, y, attained, self.move.duration, **named)
 
     def _rows(self) -> list[tuple[str, str]]:
         return figure_rows(self.figures())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.model.output_columns import columns_in, output_labels, output_units, turn_angle, unit_of
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.accuracy import BAND, PathAccuracy, path_accuracy
 from flexgen.results import Result
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -227,6 +229,35 @@ class ControlRun(Result):
             "failure": run.failure,
             "load": run.load,
         }
+
+    def accuracy(self, robots: Sequence[str] | None = None, *, band: float = BAND) -> PathAccuracy:
+        """Path accuracy, repeatability, settling and speed of the robots in the sense of ISO 9283.
+
+        Parameters
+        ----------
+        robots : sequence of str, optional
+            Names; default: all that did not fail. A repeatability is that of these robots, not of the cycles of one.
+        band : float [m, or rad where the output has no lengths]
+            Half width of the band of the settling times.
+
+        Returns
+        -------
+        PathAccuracy
+
+        Raises
+        ------
+        ArgumentError
+            A robot is not known, or failed, or none is left; the band is not a positive number.
+        """
+        chosen = [run for run in self.runs if not run.failure] if robots is None else [self[name] for name in robots]
+        failed = [run.name for run in chosen if run.failure]
+        if failed or not chosen:
+            given = f"{failed[0]!r}, which failed" if failed else "no robots that reached the end"
+            raise ArgumentError(f"robots: given {given}, expected names of robots that did not fail")
+        columns, y = columns_in(self.model, self.unit), self.reference.y_ref
+        attained = np.array([(y + run.error)[:, columns] for run in chosen])
+        named = {"robots": tuple(run.name for run in chosen), "unit": self.unit, "band": band}
+        return path_accuracy(self.reference.time, y[:, columns], attained, self.reference.path_end, **named)
 
     def trajectory(self, name: str = NOMINAL) -> Trajectory:
         """Motion, torques and errors of a robot at the samples of the controller."""

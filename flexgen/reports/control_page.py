@@ -13,7 +13,7 @@ from flexgen.loop.result import UNITS, ControlRun
 from flexgen.model.output_columns import columns_in
 from flexgen.performance.learn import LearningResult
 from flexgen.plots import control as plots
-from flexgen.reports.html import head, html_table, number
+from flexgen.reports.html import accuracy_tables, head, html_table, number
 from flexgen.reports.pictures import Picture
 from flexgen.reports.result_page import write_page
 
@@ -67,6 +67,7 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
         html_table(("quantity", "value", "unit"), facts, (1,)),
         "<h2>Errors</h2>\n",
         _errors(run),
+        accuracy_tables(run.accuracy()) if any(not r.failure for r in run.runs) else "",
         _margins(run),
     ]
     return write_page(Path(directory), parts, drawn)

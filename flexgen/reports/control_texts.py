@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from flexgen.benchmarks.score import Score
     from flexgen.loop.margins import Margins
     from flexgen.loop.result import ControlRun
+    from flexgen.paths.accuracy import PathAccuracy
 
 
 def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = None) -> str:
@@ -33,11 +34,19 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
         table(rows, ("robot", *errors, "torque, N m", "samples at the limit", "failure")),
         *(f"{r.name}: load {r.load}" for r in run.runs if r.load),
     ]
+    if any(not r.failure for r in run.runs):
+        lines += ["", accuracy_text(run.accuracy())]
     margins = run.margins() if margins is None else margins
     if margins:
         head = ("pose", "stable", "gain margin", "delay margin, ms")
         lines += ["", table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head)]
     return "\n".join(lines)
+
+
+def accuracy_text(found: PathAccuracy) -> str:
+    """Figures of ISO 9283 of the robots together, and those of each."""
+    title = f"ISO 9283, over {len(found.robots)} robots" if len(found.robots) > 1 else "ISO 9283, one robot"
+    return "\n".join([table(found.rows(), (title, "")), "", table(found.robot_rows(), found.robot_columns)])
 
 
 def scores_text(scenario: Scenario, scores: Sequence[Score]) -> str:

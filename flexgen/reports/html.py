@@ -22,6 +22,7 @@ from flexgen.inversion.status import Status
 from flexgen.loop.comparison import Comparison
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Friction, Motor, RobotModel
+from flexgen.paths.accuracy import PathAccuracy
 from flexgen.plots import solution as plots
 from flexgen.plots.canvas import measure
 from flexgen.reports.folder import PAGE, check_folder, foot
@@ -102,6 +103,17 @@ def _summary(solution: Solution) -> str:
         "tracks the planned motion.</p>\n"
     )
     return html_table(("quantity", "value", "unit"), rows, (1,)) + (note if solution.plan_error_max is not None else "")
+
+
+def accuracy_tables(found: PathAccuracy) -> str:
+    """Path accuracy, repeatability, settling and speed of robots together, and those of each of several."""
+    rows = [_summary_row(figure) for figure in found.figures() if figure.value is not None]
+    each = [(html.escape(name), *row) for name, *row in found.robot_rows()] if len(found.robots) > 1 else []
+    return (
+        "<h2>Accuracy in the sense of ISO 9283</h2>\n"
+        + html_table(("quantity", "value", "unit"), rows, (1,))
+        + (html_table(found.robot_columns, each, range(1, 4)) if each else "")
+    )
 
 
 def _summary_row(figure: Figure) -> tuple[str, str, str]:
@@ -305,6 +317,7 @@ def write_report(
         _introduction(title, model, solution),
         "<h2>Summary</h2>\n",
         _summary(solution),
+        accuracy_tables(solution.accuracy()) if solution.simulation is not None else "",
         "<h2>Plots</h2>\n",
         "" if motion is None else f'<p><a href="{motion.name}">The moving robot</a> (an animation)</p>\n',
         *(figure_element(picture, directory) for picture in drawn),

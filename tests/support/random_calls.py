@@ -90,7 +90,7 @@ def more_objects(folder: Path) -> dict[type, Any]:
     moved = (1 - np.cos(2 * t)[:, None]) ** 2 * [0.1, -0.05]
     record = flexgen.ServoRecord(t, moved, moved)
     objects = [
-        *(run, run.runs[0], run.loops()["begin"], run.margins()["begin"], plan, spectra, responses),
+        *(run, run.accuracy(), run.runs[0], run.loops()["begin"], run.margins()["begin"], plan, spectra, responses),
         *(flexgen.check("elbow"), flexgen.identify("elbow", responses, **quiet), library, library.gravity),
         *(library.invert, library.invert_many, library.path_sampler(path.table()), flexgen.InversionOptions()),
         library.stream(path.sample([0.0]).y[0, :, 0], path.q_start, period=5e-3, intervals=20),

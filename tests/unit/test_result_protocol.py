@@ -24,6 +24,7 @@ NO_PICTURE = {
     "GeneratedLibrary": FILES,
     "Load": FEW,
     "Margins": FEW,
+    "PathAccuracy": FEW,
     "Plan": "its spectra are drawn as responses, after flexgen.measure and flexgen.frf",
     "SweepResult": "cases of different models and moves have no common axis",
 }
@@ -83,6 +84,7 @@ def made(tmp_path_factory):
     return [
         *parts,
         analysis.equilibrium,
+        solution.accuracy(),
         flexgen.check(model),
         flexgen.PlantRun("soft", rows, rows, rows, rows, None, 3, "", rows, rows),
         flexgen.Detection(rows, None),

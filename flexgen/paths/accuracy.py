@@ -1,0 +1,252 @@
+"""Accuracy and repeatability of a path and its end, in the sense of ISO 9283.
+
+The standard measures n cycles of one robot; here the cycles are robots under the same command. With d_jk, the offset of
+robot j where it passes the plane normal to the path at its point k, and |.| over the axes of the output:
+
+    AT = max_k |mean_j d_jk|,    RT = max_k (mean_j l_jk + 3 s_k),    l_jk = |d_jk - mean_j d_jk|, s_k its deviation
+    AP = |mean_j e_j|,           RP = mean_j l_j + 3 s        of the last positions, e_j from the end of the path
+    AV = mean_j v_j/v_c - 1,     RV = 3 s_v/v_c,     FV = max_j (max (v - v_c) - min (v - v_c))    of the speeds
+
+Source: ISO 9283:1998, Manipulating industrial robots - Performance criteria and related test methods, sections 7 and 8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexgen.counts import show_value
+from flexgen.display import Figure, figure_rows
+from flexgen.errors import ArgumentError
+from flexgen.results import Result
+from flexgen.spec.arguments import is_number
+from flexgen.type_checks import checked_result
+
+BAND = 1e-4  # m or rad
+MOVING, CRUISING = 0.05, 0.95  # of the largest commanded speed
+ITERATIONS = 8
+
+
+@checked_result
+@dataclass(frozen=True, repr=False)
+class PathAccuracy(Result):
+    """Figures of robots that follow one path, as data sheets state them.
+
+    A figure is None where it is not defined: repeatabilities of one robot, figures of the path where the reference does
+    not move, and a settling time where a robot leaves the band in the later half of the time after the path.
+
+    Attributes
+    ----------
+    robots : tuple of str
+    unit : str
+        ``"m"``, or ``"rad"`` where the output has no lengths; positions only, not the orientation of a pose.
+    band : float [unit]
+        Half width of the band of the settling times.
+    path_accuracy, path_repeatability : float or None [unit]
+        AT and RT, where the command moves with at least 5 % of its largest speed.
+    pose_accuracy, pose_repeatability : float or None [unit]
+        AP and RP at the end of the simulation.
+    speed_accuracy, speed_repeatability : float or None
+        AV and RV, relative, where the command has at least 95 % of its largest speed.
+    speed_fluctuation : float or None [unit/s]
+        FV, there.
+    path_errors : tuple of (float or None) [unit]
+        Largest offset of each robot from the path, whatever the time.
+    settling_s : tuple of (float or None) [s]
+        From the end of the path until each robot stays within the band about its last position.
+    overshoots : tuple of float [unit]
+        Largest distance of each robot from its last position after the path, once it has entered the band; zero where
+        it stays there.
+
+    Examples
+    --------
+    >>> run = flexgen.control("elbow", plants={"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.25}})
+    >>> found = run.accuracy()
+    >>> f"AT {1e6 * found.path_accuracy:.0f} um, AP {1e6 * found.pose_accuracy:.0f} um", found.settling_s[0] < 0.1
+    ('AT 96 um, AP 69 um', True)
+    """
+
+    robots: tuple[str, ...]
+    unit: str
+    band: float
+    path_accuracy: float | None
+    path_repeatability: float | None
+    pose_accuracy: float | None
+    pose_repeatability: float | None
+    speed_accuracy: float | None
+    speed_repeatability: float | None
+    speed_fluctuation: float | None
+    path_errors: tuple[float | None, ...]
+    settling_s: tuple[float | None, ...]
+    overshoots: tuple[float, ...]
+
+    def __repr__(self) -> str:
+        shown = "; ".join(f"{label} {text}" for label, text in self.rows()[:2])
+        return f"<PathAccuracy of {len(self.robots)} robots: {shown or 'one robot at rest'}>"
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return [*self.rows(), *((name, ", ".join(row)) for name, *row in self.robot_rows())]
+
+    def figures(self) -> tuple[Figure, ...]:
+        """The figures of all robots together; settling time and overshoot: the largest."""
+        u, settled = self.unit, self.settling_s
+        longest = None if None in settled else max((x for x in settled if x is not None), default=None)
+        return (
+            Figure("path accuracy AT", self.path_accuracy, u, f"path_accuracy_{u}"),
+            Figure("path repeatability RT", self.path_repeatability, u, f"path_repeatability_{u}"),
+            Figure("pose accuracy AP at the end", self.pose_accuracy, u, f"pose_accuracy_{u}"),
+            Figure("pose repeatability RP at the end", self.pose_repeatability, u, f"pose_repeatability_{u}"),
+            Figure("speed accuracy AV", self.speed_accuracy, "relative", "speed_accuracy"),
+            Figure("speed repeatability RV", self.speed_repeatability, "relative", "speed_repeatability"),
+            Figure("speed fluctuation FV", self.speed_fluctuation, f"{u}/s", f"speed_fluctuation_{u}_s"),
+            Figure(f"settling time into {1e3 * self.band:g} m{u}, longest", longest, "s", "settling_s"),
+            Figure("overshoot after the path, largest", max(self.overshoots), u, f"overshoot_{u}"),
+        )
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Labels and values with units of the figures that are known, for tables."""
+        return figure_rows(self.figures())
+
+    @property
+    def robot_columns(self) -> tuple[str, str, str, str]:
+        """Headings of `robot_rows`."""
+        u = self.unit
+        return ("robot", f"from the path, m{u}", f"settled into {1e3 * self.band:g} m{u} after, s", f"overshoot, m{u}")
+
+    def robot_rows(self) -> list[tuple[str, str, str, str]]:
+        """The figures of each robot as texts."""
+        each = zip(self.robots, self.path_errors, self.settling_s, self.overshoots, strict=True)
+        return [
+            (
+                name,
+                "-" if error is None else f"{1e3 * error:.4g}",
+                "not settled" if settled is None else f"{settled:.4g}",
+                f"{1e3 * over:.4g}",
+            )
+            for name, error, settled, over in each
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units, and those of each robot."""
+        u, each = self.unit, zip(self.robots, self.path_errors, self.settling_s, self.overshoots, strict=True)
+        keys = ("robot", f"path_error_{u}", "settling_s", f"overshoot_{u}")
+        return {
+            f"band_{u}": self.band,
+            **{figure.key: figure.value for figure in self.figures()},
+            "robots": [dict(zip(keys, row, strict=True)) for row in each],
+        }
+
+
+def path_accuracy(
+    time: np.ndarray,
+    reference: np.ndarray,
+    attained: np.ndarray,
+    path_end: float,
+    *,
+    robots: tuple[str, ...],
+    unit: str = "m",
+    band: float = BAND,
+) -> PathAccuracy:
+    """Accuracy and repeatability of attained positions.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+        Of the samples, increasing.
+    reference : array (n, k) [unit]
+        Commanded positions at these times; at rest from ``path_end`` on.
+    attained : array (robots, n, k) [unit]
+        Positions of the robots at these times.
+    path_end : float [s]
+    robots : tuple of str
+        Their names.
+    unit : str
+        ``"m"`` or ``"rad"``.
+    band : float [unit]
+        Half width of the band of the settling times.
+
+    Raises
+    ------
+    ArgumentError
+        The band is not a positive number.
+    """
+    if not (is_number(band) and 0.0 < band < np.inf):
+        raise ArgumentError(f"band: given {show_value(band)}, expected a number > 0 [{unit}]")
+    commanded = np.gradient(reference, time, axis=0)
+    speed = np.linalg.norm(commanded, axis=1)
+    moving = speed >= MOVING * speed.max() if speed.max() > 0.0 else np.zeros(len(time), dtype=bool)
+    at, rt, errors = None, None, (None,) * len(robots)
+    if moving.any():
+        d = np.array([_offsets(time, reference, commanded, moving, p) for p in attained])
+        at, rt = _accuracy_and_repeatability(d)
+        errors = tuple(float(x) for x in np.linalg.norm(d, axis=2).max(axis=1))
+    ap, rp = _accuracy_and_repeatability(attained[:, -1:] - reference[-1:])
+    settled = [_settle(time, p, path_end, band) for p in attained]
+    return PathAccuracy(
+        robots,
+        unit,
+        float(band),
+        at,
+        rt,
+        ap,
+        rp,
+        *_speed_figures(time, speed, attained, moving & (speed >= CRUISING * speed.max())),
+        errors,
+        tuple(x for x, _ in settled),
+        tuple(x for _, x in settled),
+    )
+
+
+def _offsets(
+    time: np.ndarray, reference: np.ndarray, commanded: np.ndarray, moving: np.ndarray, p: np.ndarray
+) -> np.ndarray:
+    """Offsets (points, k) where a robot passes the planes normal to the path at the samples that move.
+
+    The time at which it passes is found by Newton's method with the commanded speed as slope.
+    """
+    r, speed = reference[moving], np.linalg.norm(commanded[moving], axis=1)
+    tangent, t = commanded[moving] / speed[:, None], time[moving].copy()
+    e = p[moving] - r
+    for _ in range(ITERATIONS):
+        t = np.clip(t - (e * tangent).sum(axis=1) / speed, time[0], time[-1])
+        e = np.column_stack([np.interp(t, time, x) for x in p.T]) - r
+    return np.asarray(e - (e * tangent).sum(axis=1)[:, None] * tangent)
+
+
+def _accuracy_and_repeatability(d: np.ndarray) -> tuple[float, float | None]:
+    """The largest of the points: distance of the mean of the robots, and the radius that contains them by 3 sigma."""
+    mean = d.mean(axis=0)
+    accuracy = float(np.linalg.norm(mean, axis=1).max())
+    if len(d) < 2:
+        return accuracy, None
+    radius = np.linalg.norm(d - mean, axis=2)
+    return accuracy, float((radius.mean(axis=0) + 3.0 * radius.std(axis=0, ddof=1)).max())
+
+
+def _speed_figures(
+    time: np.ndarray, commanded: np.ndarray, attained: np.ndarray, cruise: np.ndarray
+) -> tuple[float | None, float | None, float | None]:
+    """AV, RV and FV where the command cruises."""
+    if not cruise.any():
+        return None, None, None
+    v = np.linalg.norm(np.gradient(attained, time, axis=1), axis=2)[:, cruise]
+    v_c, of_each = float(commanded[cruise].mean()), v.mean(axis=1)
+    spread = 3.0 * float(of_each.std(ddof=1)) / v_c if len(v) > 1 else None
+    return float(of_each.mean()) / v_c - 1.0, spread, float(np.ptp(v - commanded[cruise], axis=1).max())
+
+
+def _settle(time: np.ndarray, p: np.ndarray, path_end: float, band: float) -> tuple[float | None, float]:
+    """Settling time and overshoot of a robot after the path."""
+    after = time >= path_end - 1e-9
+    t, away = time[after], np.linalg.norm(p[after] - p[-1], axis=1)
+    if not len(t):
+        return None, 0.0
+    inside = away <= band
+    last_outside = int(np.flatnonzero(~inside)[-1]) if not inside.all() else -1
+    late = last_outside >= 0 and t[last_outside] > 0.5 * (t[0] + t[-1])
+    settled = 0.0 if last_outside < 0 else float(t[last_outside + 1] - path_end)
+    beyond = away[int(np.argmax(inside)) :]
+    largest = float(beyond.max())
+    return None if late else settled, largest if largest > band else 0.0
