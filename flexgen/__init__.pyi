@@ -97,6 +97,7 @@ from flexgen.observers.collision import Detection as Detection
 from flexgen.observers.constant_gain import ConstantGainObserver as ConstantGainObserver
 from flexgen.observers.extended_kalman import Estimate as Estimate
 from flexgen.observers.extended_kalman import ExtendedKalmanFilter as ExtendedKalmanFilter
+from flexgen.paths.accuracy import PathAccuracy as PathAccuracy
 from flexgen.paths.path import Path as Path
 from flexgen.paths.path import plan as plan
 from flexgen.paths.reference import PathSample as PathSample

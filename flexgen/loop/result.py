@@ -256,7 +256,7 @@ class ControlRun(Result):
             raise ArgumentError(f"robots: given {given}, expected names of robots that did not fail")
         columns, y = columns_in(self.model, self.unit), self.reference.y_ref
         attained = np.array([(y + run.error)[:, columns] for run in chosen])
-        named = {"robots": tuple(run.name for run in chosen), "unit": self.unit, "band": band}
+        named: dict[str, Any] = {"robots": tuple(run.name for run in chosen), "unit": self.unit, "band": band}
         return path_accuracy(self.reference.time, y[:, columns], attained, self.reference.path_end, **named)
 
     def trajectory(self, name: str = NOMINAL) -> Trajectory:

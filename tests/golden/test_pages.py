@@ -34,6 +34,7 @@ from flexgen.identification.result import FitStatus
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
+from flexgen.paths.accuracy import PathAccuracy
 from flexgen.plots.canvas import apply_style
 from flexgen.reports import (
     analysis_page,
@@ -273,7 +274,10 @@ def loop_figures() -> dict[str, Any]:
         for k in range(3)
     ]
     keys = (*control_page.KEYS, "static_error_end")
+    figures = (2e-4, 3e-4, 1.5e-4, None, 0.01, 0.002, 0.03)
+    accuracy = PathAccuracy(("robot 0", "robot 2"), "m", 5e-5, *figures, (1e-4, None), (0.25, None), (0.0, 4e-4))
     return {
+        "accuracy": lambda: accuracy,
         "status": "done",
         "hardware": Made(sample_s=1e-3, encoder_noise_rad=2e-5),
         "delay_s": 5e-4,
