@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from flexgen.identification.frequency_response import Estimate, estimate
+from flexgen.numerics.response_estimates import Estimate, estimate
 
 EXCITED = 0.1  # of the largest amplitude
 

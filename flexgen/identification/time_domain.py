@@ -27,7 +27,6 @@ from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import Experiment, fade_in, largest_rate
-from flexgen.identification.experiments.spectra import spectrum
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive, is_of_sensor
@@ -35,6 +34,7 @@ from flexgen.identification.result import TIME_DOMAIN, FitStatus, Identification
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
 from flexgen.mechanics.parameters import select
+from flexgen.numerics.spectra import spectrum
 from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
 from flexgen.type_checks import checked_types

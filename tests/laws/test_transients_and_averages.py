@@ -14,13 +14,13 @@ from measured_numbers import check_numbers
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.identification import frequency_response
-from flexgen.identification.experiments import spectra
 from flexgen.identification.experiments.experiment import Experiment
-from flexgen.identification.experiments.spectra import line_offsets, spectra_beside, without_transients
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.loop.hardware import DriveHardware
+from flexgen.numerics import response_estimates, spectra
+from flexgen.numerics.spectra import line_offsets, spectra_beside, without_transients
 
 ROOT = Path(__file__).parents[2]
 
@@ -112,8 +112,8 @@ def test_torque_noise_makes_h1_too_small() -> None:
     U = np.ones(shape) + 0j
     Y = 2.0 * U
     noisy = U + 0.5 * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
-    assert abs(frequency_response.estimate(noisy, Y, "h1").G.item()) == pytest.approx(2 / 1.25, rel=0.15)
-    assert abs(frequency_response.estimate(noisy, Y).G.item()) == pytest.approx(2.0, rel=0.15)
+    assert abs(response_estimates.estimate(noisy, Y, "h1").G.item()) == pytest.approx(2 / 1.25, rel=0.15)
+    assert abs(response_estimates.estimate(noisy, Y).G.item()) == pytest.approx(2.0, rel=0.15)
 
 
 def recorded_without_period(folder: Path) -> tuple[Path, LocalModel]:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.identification.frequency_response import estimate
 from flexgen.identification.motion_fit import fit_motion
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.result import FitStatus
+from flexgen.numerics.response_estimates import estimate
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexgen.identification.frequency_response import _average
+from flexgen.numerics.response_estimates import _average
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """`measure`: a simulated experiment. Robots under their drives follow the references of a plan; spectra are kept.
 
 Raw samples of an experiment take megabytes for each second of robot; the spectra at the excited lines are all that the
-frequency responses need, see `flexgen.identification.experiments.spectra`. Raw samples are kept on demand, in the form
+frequency responses need, see `flexgen.numerics.spectra`. Raw samples are kept on demand, in the form
 in which recordings of real robots are read.
 """
 
@@ -20,7 +20,6 @@ from flexgen.counts import count_of
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.sensor_simulation import SensorSignals
-from flexgen.identification.experiments.spectra import line_offsets, spectra_beside, spectrum
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.outputs import output_orders
 from flexgen.library.model_library import library_with
@@ -28,6 +27,7 @@ from flexgen.loop.closed_loop import MOST_STEPS, ClosedLoop, Samples
 from flexgen.loop.controllers import LowPass, Notch
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
+from flexgen.numerics.spectra import line_offsets, spectra_beside, spectrum
 from flexgen.progress import Choice, reported
 from flexgen.results import ArrayResult
 from flexgen.spec.arguments import seed_of

@@ -1,0 +1,85 @@
+"""Frequency responses from the spectra of inputs and outputs, with the covariance of noise.
+
+    V_ep = Y_ep - G U_ep,   G = Y U^H (U U^H)^-1        (spectra of experiments e, averaged over the periods p)
+    C = sum V V^H / ((P - 1) n_e)                        covariance of the error of the outputs in one period
+    cov G_ab, G_cd = C_ac S_bd,   S = (U U^H)^-T / P     noise only
+
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Frequency responses ``G`` and their covariances; names and shapes as in `flexgen.Frf`."""
+
+    G: np.ndarray
+    UU: np.ndarray
+    C: np.ndarray
+    variance: np.ndarray
+    total: np.ndarray | None
+
+
+def estimate(
+    U: np.ndarray, Y: np.ndarray, average: str = "arithmetic", noise: tuple[np.ndarray, np.ndarray] | None = None
+) -> Estimate:
+    """Frequency responses from the spectra of inputs and outputs.
+
+    Parameters
+    ----------
+    U, Y : complex arrays (k, realizations, periods, lines, inputs or outputs, experiments)
+    average : str
+        Over the realizations; one of the names of `flexgen.frf`.
+    noise : optional
+        Spectra of the noise of inputs and outputs in the mean of the periods, (k, realizations, samples, lines,
+        channels, experiments), whose sum of squares is its variance; default: from the differences of the periods.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The inputs of the experiments are not independent.
+    """
+    P, E, R = U.shape[2], U.shape[5], U.shape[1]
+    mean_U, mean_Y = U.mean(axis=2), Y.mean(axis=2)
+    if average == "h1":  # all periods by themselves
+        mean_U, mean_Y = (_side_by_side(x) for x in (U, Y))
+    weakest = np.linalg.svd(mean_U, compute_uv=False)[..., -1]
+    if U.shape[4] > mean_U.shape[-1] or np.any(weakest <= 1e-9 * np.abs(mean_U).max(axis=(-2, -1))):
+        raise np.linalg.LinAlgError("dependent inputs")
+    each = np.linalg.solve((mean_U @ _H(mean_U)).swapaxes(-1, -2), (mean_Y @ _H(mean_U)).swapaxes(-1, -2))
+    each = each.swapaxes(-1, -2)  # (k, realizations, lines, outputs, inputs)
+    if noise is None:
+        V, count = Y - each[:, :, None] @ U, max((P - 1) * E * R, 1)
+    else:
+        V, count = noise[1] - each[:, :, None] @ noise[0], E * R
+    C = (V @ _H(V)).sum(axis=(1, 2)) / count
+    UU = (mean_U @ _H(mean_U)).sum(axis=1) / (P if average == "h1" else 1)
+    S = np.linalg.inv(UU) / (P if noise is None else 1)
+    variance = np.real(np.einsum("klaa->kla", C))[..., :, None] * np.real(np.einsum("klbb->klb", S))[..., None, :]
+    total = np.var(each, axis=1, ddof=1) / R if R > 1 else None
+    return Estimate(_average(each, average), UU, C, variance, total)
+
+
+def _side_by_side(x: np.ndarray) -> np.ndarray:
+    """Periods as further experiments: (k, realizations, lines, channels, periods * experiments)."""
+    moved = x.transpose(0, 1, 3, 4, 2, 5)
+    return moved.reshape(*moved.shape[:4], -1)
+
+
+def _H(x: np.ndarray) -> np.ndarray:
+    return x.conj().swapaxes(-1, -2)
+
+
+def _average(each: np.ndarray, average: str) -> np.ndarray:
+    """Mean over the realizations, axis 1."""
+    if average in ("arithmetic", "h1") or each.shape[1] == 1:
+        return each.mean(axis=1)
+    if average == "harmonic":
+        return np.linalg.inv(np.linalg.inv(each).mean(axis=1))
+    reference = each.mean(axis=1, keepdims=True)
+    return np.exp(np.log(each / reference).mean(axis=1)) * reference[:, 0]
