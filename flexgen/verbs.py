@@ -236,6 +236,8 @@ identify MODEL | identify:identify | identify
         floor X not_negative: model error as a part of the responses, such as 0.02; default: as much as the residuals
             need
         starts N whole_1: number of searches; default: {default}
+        levels FRF several: responses of the same experiment with other amplitudes (files of 'flexgen frf'): also tell
+            whether the robot is nonlinear, and why; may be repeated
         structure: add and remove springs without motor as the data ask for, and print the changes
         refine EXPERIMENT: then fit the spectra of this experiment (a file of 'flexgen measure', or a .toml file that
             describes recordings, with [drive] and [[reference]]) by simulation of the nonlinear model, frictions too

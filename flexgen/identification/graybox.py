@@ -18,6 +18,7 @@ import numpy as np
 from flexgen.counts import STARTS, count_of, show_value
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.causes.explain import explain
+from flexgen.identification.causes.levels import compare_levels
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor
@@ -58,6 +59,7 @@ def identify(
     spread: float = SPREAD,
     seed: int = 0,
     source: str = "",
+    levels: Sequence[Frf] = (),
     progress: Choice = None,
 ) -> IdentificationResult:
     """Fit parameters of a model to frequency responses.
@@ -86,6 +88,10 @@ def identify(
     seed : int
     source : str
         Of the data, for the new model file.
+    levels : sequence of Frf
+        Responses of the same experiment with other amplitudes, such as a third: the result's ``amplitude`` tells
+        whether the robot is nonlinear, and whether hysteresis, backlash, a stiffness that rises with the deflection or
+        Coulomb friction, which the model lacks, explains it.
     progress : callable or bool, optional
 
     Returns
@@ -95,7 +101,7 @@ def identify(
     Raises
     ------
     ArgumentError
-        A name is unknown, or the data belong to another robot.
+        A name is unknown, the data belong to another robot, or the levels are of other poses or alike.
     SolverError
         The model has no equilibrium at the poses of the data.
 
@@ -113,7 +119,10 @@ def identify(
     names = default_free(robot) if free is None else free
     vector = ParameterVector(robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties)
     found = _fit(vector, data, residual, structured, floor, (starts, spread, seed), tell)
-    return replace(found, source=source)
+    tested = None
+    if levels:
+        tested = compare_levels(Residuals(vector, data, deflection_sd=found.deflection_sd), found.x, levels)
+    return replace(found, source=source, amplitude=tested)
 
 
 def _fit(

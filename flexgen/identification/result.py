@@ -17,6 +17,7 @@ from flexgen.deprecation import warn_of_old
 from flexgen.display import plain
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.identification.causes.explain import Cause
+from flexgen.identification.causes.levels import AmplitudeTest
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import (
     SENSOR_DELAY,
@@ -252,6 +253,8 @@ class IdentificationResult(Estimated):
     causes : tuple of Cause
         Faults of the model or the record of which one explains most of the misfit, the best first; see the module
         `flexgen.identification.causes.explain`. Empty where the model fits, and where no single one explains it.
+    amplitude : AmplitudeTest or None
+        Whether the responses depend on the level of the excitation, where they were given at several.
 
     Examples
     --------
@@ -274,6 +277,7 @@ class IdentificationResult(Estimated):
     weights: str
     wall_s: float
     causes: tuple[Cause, ...] = field(default=(), kw_only=True)
+    amplitude: AmplitudeTest | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
         return (
@@ -313,7 +317,8 @@ class IdentificationResult(Estimated):
             }
             for u in self.vector.unknowns
         ]
-        return {
+        tested = {} if self.amplitude is None else {"amplitude": self.amplitude.to_dict()}
+        return tested | {
             "model": self.vector.model.name,
             "status": str(self.status),
             "sentence": self.status.sentence,

@@ -15,6 +15,7 @@ from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.plots import identification as plots
 from flexgen.reports.html import head, html_table, number
+from flexgen.reports.identification_texts import amplitude_sentence
 from flexgen.reports.pictures import Picture
 from flexgen.reports.result_page import write_page
 
@@ -111,6 +112,8 @@ def _summary(identified: IdentificationResult) -> str:
     ]
     words = f"<p>{html.escape(status.sentence)} {html.escape(status.advice)}</p>\n"
     words += "".join(f"<p>Possible cause: {html.escape(str(cause))}.</p>\n" for cause in identified.causes)
+    if sentence := amplitude_sentence(identified):
+        words += f"<p>Amplitude test: {html.escape(sentence)}.</p>\n"
     return html_table(("quantity", "value", "unit"), rows, (1,)) + words
 
 

@@ -77,8 +77,20 @@ def text_of_identification(found: IdentificationResult, *more: str) -> str:
         *([f"model error: {number(100 * found.model_error)} % of the responses"] if found.model_error > 0 else []),
         paragraph(f"{found.status.sentence} {found.status.advice}"),
         *(f"possible cause: {cause}" for cause in found.causes),
+        *([f"amplitude test: {amplitude_sentence(found)}"] if amplitude_sentence(found) else []),
     ]
     return _join("\n".join(lines), table(rows, PARAMETERS), *more, _sentences(found.weak))
+
+
+def amplitude_sentence(found: IdentificationResult) -> str:
+    """What the levels of the excitation show, or what further levels would show of a misfit without a known cause."""
+    from flexgen.identification.result import FitStatus
+
+    if found.amplitude is not None:
+        return found.amplitude.sentence
+    if found.causes or found.status != FitStatus.MODEL_ERROR:
+        return ""
+    return "give responses at a second level (levels=, --levels), which tell whether the robot is nonlinear"
 
 
 def validation_text(checked: Validation, motors: Sequence[str]) -> str:

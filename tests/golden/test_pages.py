@@ -242,6 +242,7 @@ def pages() -> Iterator[tuple[str, Callable[[], Any]]]:
             cost=1.25,
             weights="nls",
             causes=(),
+            amplitude=None,
             model_error=0.0321,
             agreed=3,
             starts=5,

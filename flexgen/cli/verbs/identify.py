@@ -18,7 +18,8 @@ HARDWARE = {  # options of `excite` and the fields of DriveHardware
     "encoder_noise": "encoder_noise_rad",
     "torque_noise": "torque_noise_Nm",
 }
-OF_RESPONSES = ("residual", "floor", "starts", "refine", "move", "truth")  # options of fits to frequency responses
+# Options of fits to frequency responses.
+OF_RESPONSES = ("residual", "floor", "starts", "levels", "refine", "move", "truth")
 
 
 def excite(args: Namespace, log: Progress) -> VerbResult:
@@ -112,7 +113,8 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     model, data = read_model(args), Frf.load(args.data)
     if args.structure:
         return _structure(model, data, args, log)
-    given = {"start": _floats(args.start), "source": str(args.data), **keywords(args, "data", "start")}
+    given = {"start": _floats(args.start), "source": str(args.data), **keywords(args, "data", "start", "levels")}
+    given["levels"] = [Frf.load(path) for path in args.levels or ()]
     found, validation, tell = fit(model, data, **given, progress=throttle(log)), [], throttle(log)
     checked: dict[str, Any] = {}
     if args.refine is not None:
