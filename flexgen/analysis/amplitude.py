@@ -265,7 +265,7 @@ def _spring_effects(
 
     def effects(z: np.ndarray, motions: Sequence[Motion]) -> list[Effect]:
         unit = np.ones(z.shape[1])
-        for _ in range(3):  # the mean torque over the stiffness of the linear part
+        for _ in range(2):  # the mean torque over the stiffness of the linear part
             found = [average_spring(lambda d: torque(z[0][:, None], d), m.torque / unit, m.deflection) for m in motions]
             unit = 1 / np.maximum(found[0][0].mean(axis=0), 1e-3)
         zero = np.zeros_like(motions[0].speed)

@@ -19,8 +19,8 @@ from collections.abc import Callable
 import numpy as np
 
 NODES = 48  # of means over amplitudes
-HALVINGS = 40
-_E = np.linspace(-6.0, 6.0, 301)  # a standard Gaussian and its weights
+HALVINGS = 32
+_E = np.linspace(-6.0, 6.0, 151)  # a standard Gaussian and its weights
 _WEIGHTS = np.exp(-(_E**2) / 2) / np.exp(-(_E**2) / 2).sum()
 
 

@@ -72,6 +72,20 @@ class Linearization:
         moved = np.linalg.solve(np.eye(S.shape[-1]) + S * D[:, None, :], self.P[pose])
         return np.asarray(self.G[pose] - self.L[pose] @ (D[..., None] * moved))
 
+    def derivative(self, pose: int, x: np.ndarray) -> np.ndarray:
+        """Derivatives of the responses in the changes (lines, n_m, n_m, 3 g + n_m).
+
+        ``dG/dD_r = -(L (1 + D S)^-1)_r ((1 + S D)^-1 P)_r``: a column and a row.
+        """
+        S, D, g = self.S[pose], self._stiffness_of(x), len(self.stiffness)
+        one, s = np.eye(S.shape[-1]), 1j * self.w[:, None]
+        left = self.L[pose] @ np.linalg.inv(one + D[..., None] * S)
+        right = np.linalg.solve(one + S * D[:, None, :], self.P[pose])
+        by = -left[:, :, None, :] * right.swapaxes(1, 2)[:, None]
+        k, h, d, v = self.units
+        gear, s = by[..., :g], s[..., None, None]
+        return np.concatenate([k * gear, 1j * h * gear, s * d * gear, s * v * by[..., g:]], axis=-1)
+
     def _stiffness_of(self, x: np.ndarray) -> np.ndarray:
         """The complex stiffnesses D (lines, r)."""
         g = len(self.stiffness)
@@ -114,7 +128,11 @@ def fit_changes(model: Linearization, pose: int, G: np.ndarray, variance: np.nda
             away = (model.response(pose, x) - G) * weight
             return np.concatenate([away.real.ravel(), away.imag.ravel(), x / prior])
 
-        found = least_squares(residual, x, x_scale=prior)
+        def derivative(x: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
+            J = (model.derivative(pose, x) * weight[..., None]).reshape(-1, len(x))
+            return np.vstack([J.real, J.imag, np.diag(1 / prior)])
+
+        found = least_squares(residual, x, derivative, x_scale=prior)
         x, information = found.x, 2 * found.jac.T @ found.jac  # the parts of a complex residual have the variance 1/2
         left = np.abs(model.response(pose, x) - G) ** 2 - variance
         extra = np.maximum(_smooth(left), LEAST**2 * size)

@@ -183,6 +183,10 @@ def test_changes_are_those_of_a_model_with_other_numbers():
     np.testing.assert_allclose(k, [0.1 * K[0], -0.1 * K[1]], rtol=2e-3)
     np.testing.assert_allclose([d[0], v[0]], [0.3 * 400.0, 20e-4], rtol=0.05)
     assert np.abs(h / K).max() < 2e-3
+    step = 1e-6 * np.eye(8)
+    central = [(level.model.response(0, found.x + z) - level.model.response(0, found.x - z)) / 2e-6 for z in step]
+    exact = level.model.derivative(0, found.x)
+    np.testing.assert_allclose(exact, np.moveaxis(central, 0, -1), atol=1e-6 * np.abs(exact).max())
     wrong = replace(level.model, L=-level.model.L)
     assert abs(fit_changes(wrong, 0, after.G[0], after.variance[0], np.zeros(8)).x[0] - 0.1) > 0.05
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,6 +55,24 @@ def test_a_spring_is_found_and_written(folder, capsys, tmp_path):
     page = (report / "index.html").read_text()
     assert "q1.stiffness" in page and "Natural frequencies at home" in page and page.count("<figure") == 6
     assert (report / "residuals.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_second_level_says_whether_the_robot_is_nonlinear(folder, capsys, tmp_path):
+    """Coulomb friction of m1 that the model lacks: three times the speed of the experiment, and the experiment."""
+    friction = ["--set", "motor.m1.friction.coulomb=0.04", "--set", "motor.m1.friction.beta=20"]
+    plan = flexgen.Plan.load(folder / "plan.npz")
+    replace(plan, amplitudes=3 * plan.amplitudes).save(tmp_path / "0.npz")
+    for k, given in enumerate((tmp_path / "0.npz", folder / "plan.npz")):
+        data = tmp_path / f"data{k}.npz"
+        assert run(capsys, "measure", "planar5_nmp", given, *friction, "--out", data, "-q")[0] == 0
+        assert run(capsys, "frf", data, "--out", tmp_path / f"frf{k}.npz", "-q")[0] == 0
+    words = ["identify", "planar5_nmp", tmp_path / "frf0.npz", "--levels", tmp_path / "frf1.npz", "--starts", "1"]
+    status, printed = run(capsys, *words, "--json", "--report", tmp_path / "report", "-q")
+    found = json.loads(printed.out)["amplitude"]
+    assert status == 1 and found["differs"] and found["causes"][0]["words"].startswith("Coulomb friction of m1 (0.04")
+    assert f"Amplitude test: {found['sentence']}." in (tmp_path / "report" / "index.html").read_text()
+    assert f"amplitude test: {found['sentence']}" in run(capsys, *words, "-q")[1].out
 
 
 @pytest.mark.slow

@@ -122,7 +122,7 @@ def _check(data: Frf, others: Sequence[Frf]) -> None:
         if not same:
             raise ArgumentError(
                 f"levels, {k}: given responses of other motors, poses or frequencies, expected those of data at "
-                "another level: plan it with the same arguments but speed_rms"
+                "another level: plan it with poses=plan.joints(model) and the same arguments but speed_rms"
             )
         factor = float(np.mean(other.speed_sd / data.speed_sd))
         if max(factor, 1 / factor) < LEAST_FACTOR:
@@ -175,8 +175,6 @@ def _level(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray
 def _variance(residuals: Residuals) -> np.ndarray:
     """Variance of the elements by noise, from its structure, so that few periods are enough."""
     data = residuals.data
-    if data.total is not None:
-        return residuals.variance
     C = structured_covariance(data.G, output_powers(data, data.w), *noise_levels(data, data.G))
     S = np.linalg.inv(data.UU).swapaxes(-1, -2) / data.periods
     both = (np.einsum("klaa->kla", X).real for X in (C, S))
