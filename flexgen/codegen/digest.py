@@ -23,6 +23,7 @@ NEWER = (
     "configuration",
     "turns",
     "counterbalance",
+    "hysteresis",
 )  # left out where empty: digests from before there were these fields stay
 
 

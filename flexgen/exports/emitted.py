@@ -19,6 +19,7 @@ from flexgen.exports.source_folder import folder_of, write_folder
 from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_hysteresis
 
 ModelLike = str | Path | RobotModel | Equations
 _KEPT = 4  # libraries that are kept, so that several exports of a model emit it once
@@ -107,8 +108,10 @@ def _option(header: str, name: str, word: str) -> str | None:
 
 def resolve(model: ModelLike) -> Equations:
     """Equations without run-time parameters; ArgumentError for something else."""
+    equations = model if isinstance(model, Equations) else derive(model)
+    refuse_hysteresis(equations.model, "export")
     if not isinstance(model, Equations):
-        return derive(model)
+        return equations
     if model.parameters:
         names = ", ".join(parameter.name for parameter in model.parameters)
         raise ArgumentError(

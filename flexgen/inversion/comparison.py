@@ -37,13 +37,14 @@ def compare_methods(
     tuple of Solution
         The baselines, the simplest first, then the solution. Without non-actuated coordinates only the rigid one
         differs from the closed form. A baseline without a solution is left out, and the reason is reported; with a
-        force on the tool there is none.
+        force on the tool or hysteresis of gears there is none.
     """
     wanted: tuple[str, ...] = BASELINES if equations.model.n_e else BASELINES[:1]
-    if "force" in solution.trajectory:  # which they do not take
-        if progress is not None:
-            progress("comparison: no other methods, since they do not take the force on the tool")
-        wanted = ()
+    for channel, what in (("force", "the force on the tool"), ("tau_h", "the hysteresis of gears")):
+        if channel in solution.trajectory:
+            wanted = ()
+            if progress is not None:
+                progress(f"comparison: no other methods, since they do not take {what}")
     out = []
     for name in wanted:
         if name == solution.method:

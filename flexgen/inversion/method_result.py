@@ -38,6 +38,8 @@ class MethodResult:
     details : mapping
         Further figures, JSON types.
     warnings : tuple of str
+    tau_h : array (n, n_g) or None [N m]
+        Torques of the gears' hysteresis, arm side; None where no gear has any.
     """
 
     t: np.ndarray
@@ -53,6 +55,7 @@ class MethodResult:
     intervals: int = 0
     details: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    tau_h: np.ndarray | None = None
 
 
 def with_motors(

@@ -55,8 +55,9 @@ def inversion_library(
         There is no compiler, or it fails.
     """
     from flexgen.library.model_library import library_with
+    from flexgen.mechanics.hysteresis import without_hysteresis
 
-    model = equations.model
+    model = without_hysteresis(equations.model)  # the motors behind it are computed after the arm's motion
     reason = model.inversion_obstacle()
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use --method full")

@@ -295,7 +295,7 @@ def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
     from flexgen.simulation.growth import Motion
     from flexgen.simulation.residual import midpoint_residual
 
-    names, channels = (*STATE_CHANNELS, "force"), trajectory.channels
+    names, channels = (*STATE_CHANNELS, "force", "tau_h"), trajectory.channels
     motion = Motion(trajectory.time, **{name: channels[name] for name in names if name in channels})
     rows = midpoint_residual(equations, motion, trajectory.meta.get("torque") == "limited")
     return np.abs(rows).max(axis=0)

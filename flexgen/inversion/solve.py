@@ -25,6 +25,7 @@ from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.friction import hysteretic_joints
 from flexgen.model.output_columns import output_labels, output_units
 from flexgen.paths.path import find_move
 from flexgen.progress import Choice, reported
@@ -261,7 +262,12 @@ def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverE
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
     """The result of a method on intervals of ``h`` [s]."""
     solver: Callable[[InversionProblem, float], MethodResult] = import_object(f"{method.module}:{method.function}")
-    return solver(problem, h)
+    result = solver(problem, h)
+    if hysteretic_joints(problem.equations.model):
+        from flexgen.inversion.gear_hysteresis import with_hysteresis
+
+        return with_hysteresis(problem.equations, result)
+    return result
 
 
 @overload
@@ -402,6 +408,8 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
         rows.append(("R_ref", matrix, "-", doc, reference["R_ref"]))
     if problem.force is not None:
         rows.append(problem.force.channel(t))
+    if result.tau_h is not None:
+        rows.append(("tau_h", result.tau_h, of_g, "torques of the gears' hysteresis, arm side", names_g))
     units = {name: (unit,) * len(labels) if isinstance(unit, str) else unit for name, _, unit, _, labels in rows}
     return Trajectory(
         t,

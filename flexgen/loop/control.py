@@ -33,6 +33,7 @@ from flexgen.loop.reference import MotionReference, motion_reference, time_grid
 from flexgen.loop.result import ControlRun, PlantRun, output_errors
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.friction import refuse_hysteresis
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
 from flexgen.spec.arguments import check_not_negative, is_number, mapping_of, seed_of
@@ -215,6 +216,7 @@ def control_case(
     of_lane = _of_lanes(disturbances, chosen.names)
     names = tuple(p.name for p in chosen.parameters)
     forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
+    refuse_hysteresis(robot, "control")
     functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *(["sensors"] if robot.sensors else [])]
     library = library_with(robot, functions, parameters=names, per_point=bool(names), progress=progress)
     nominal = derive(robot)

@@ -26,6 +26,7 @@ import casadi as ca
 
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import Body, Dof, Friction, Gear, Motor, RobotModel, Spring
+from flexgen.model.friction import refuse_hysteresis
 
 _SPRING_UNITS = {
     "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
@@ -75,6 +76,8 @@ def put_symbols(model: RobotModel, names: Sequence[str]) -> Parametrized:
     if isinstance(names, str):
         raise ArgumentError(f"parameters: given the text {names!r}, expected a sequence of names")
     chosen = select(model, names)
+    if chosen:
+        refuse_hysteresis(model, "parameters")
     symbols = ca.SX.sym("parameters", len(chosen))
     values = {parameter.name: symbols[k] for k, parameter in enumerate(chosen)}
     return Parametrized(with_values(model, values), model, symbols, chosen)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from flexgen.model.friction import hysteretic_joints
 from flexgen.spec.ports import Port
 
 if TYPE_CHECKING:
@@ -287,6 +288,7 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
 FUNCTIONS = tuple(row.name for row in TABLE if not row.optional)
 OPTIONAL = tuple(row.name for row in TABLE if row.optional)
 INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]  # of models whose output determines the motors' motion
+GEARED = ("forward_dynamics", "forward_dynamics_tool_force", "linearize")  # with the springs of the gears
 FLEXIBLE_JOINT = ("flexible_joint_motion", "flexible_joint_torque")  # of arms with elastic joints
 
 # name: sizes, unit (templates: see _unit), meaning
@@ -433,10 +435,12 @@ def function_obstacles(model: RobotModel) -> dict[str, str | None]:
     if not model.sensors:
         obstacles |= dict.fromkeys(("sensors", "sensor_derivatives"), f"model {model.name} has no sensors")
     obstacles |= dict.fromkeys(INVERSION, model.inversion_obstacle())
+    if joints := hysteretic_joints(model):
+        reason = f"the gear of {joints[0]} has hysteresis, which only solve and simulate take into account"
+        obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED, *INVERSION), reason)
     if not model.i_e:
-        obstacles["inversion_jacobians"] = (
-            obstacles["inversion_jacobians"] or f"model {model.name} has no coordinates without motor"
-        )
+        missing = f"model {model.name} has no coordinates without motor"
+        obstacles["inversion_jacobians"] = obstacles["inversion_jacobians"] or missing
     return {row.name: obstacles.get(split_product(row.name)[0]) for row in TABLE}
 
 

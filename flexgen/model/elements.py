@@ -18,6 +18,7 @@ from flexgen.display import table_html
 from flexgen.errors import ArgumentError
 from flexgen.model.friction import FRICTION_LAWS as FRICTION_LAWS
 from flexgen.model.friction import NO_FRICTION, Friction
+from flexgen.model.friction import Hysteresis as Hysteresis
 from flexgen.model.friction import friction_key as friction_key
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
@@ -106,6 +107,7 @@ class Gear:
     side: str = "arm"  # or "motor": the side of the gear to which spring and damping refer
     spring: Spring | None = None  # None for a rigid gear
     damping: float = 0.0  # in parallel with the spring [N m s/rad or N s/m]
+    hysteresis: Hysteresis | None = None
 
     @property
     def type(self) -> str:

@@ -22,6 +22,7 @@ from flexgen.model.elements import (
     Dof,
     Friction,
     Gear,
+    Hysteresis,
     LinearSpring,
     Matrix,
     PiecewiseSpring,
@@ -261,6 +262,15 @@ def friction() -> Kinds:
     return Kinds("friction law", _Laws(), default=next(iter(FRICTION_LAWS)), strict=False, definition="friction")
 
 
+HYSTERESIS = Format(
+    "hysteresis of a gear by Dahl's law, in parallel with its spring",
+    (
+        Key("lost_motion", number(above=0.0), "width of the hysteresis at zero torque, at the joint", _either("rad")),
+        replace(_STIFFNESS, doc="stiffness that is added after a reversal, on the side of the spring"),
+    ),
+    make=Hysteresis,
+    definition="hysteresis",
+)
 _RIGID = Format("no elasticity", (), lambda type: Gear(rigid=True))
 _ELASTIC = Format(
     "a spring between motor and joint",
@@ -268,6 +278,7 @@ _ELASTIC = Format(
         Key("side", choice("arm", "motor"), "the side of the gear to which spring and damping refer"),
         Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
         DAMPING,
+        Key("hysteresis", sub(HYSTERESIS), "hysteresis in parallel with the spring; default: none", default=None),
     ),
     make=lambda type, **values: Gear(False, **values),
 )

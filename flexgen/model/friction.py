@@ -1,4 +1,4 @@
-"""Friction laws: the default law, and those of other packages by their ``type`` in a model file.
+"""Friction laws: the default law, those of other packages by their ``type`` in a model file, hysteresis of gears.
 
 The torque of a law is in `flexgen.mechanics.force_laws`; a law of another package has a method ``torque(w)``.
 """
@@ -62,3 +62,32 @@ def added_sources(laws: Iterable[Friction]) -> list[Path]:
     """The files with those of these laws that other packages have added."""
     modules = [sys.modules.get(type(law).__module__) for law in laws if type(law) not in FRICTION_LAWS.values()]
     return sorted({Path(file) for module in modules if (file := getattr(module, "__file__", None))})
+
+
+@dataclass(frozen=True)
+class Hysteresis:
+    """Dahl's hysteresis of a gear: a torque z in addition to its spring, which follows the deflection d and slips at W.
+
+        z' = K_h (d' - |d'| z/W),    W = K lost_motion/2,    K: stiffness of the spring at zero
+
+    Source: P. R. Dahl, AIAA Journal 14(12), 1976.
+    """
+
+    lost_motion: float  # at the joint: width of the hysteresis at zero torque, 2 W/K [rad or m]
+    stiffness: float  # K_h, added after a reversal [N m/rad or N/m], on the side of the spring
+
+
+def hysteretic_joints(model: Any) -> list[str]:
+    """Names of the coordinates of a `RobotModel` whose gears have hysteresis."""
+    dofs = (coordinate.dof for coordinate in model.coordinates)
+    return [dof.name for dof in dofs if dof is not None and dof.gear is not None and dof.gear.hysteresis is not None]
+
+
+def refuse_hysteresis(model: Any, what: str) -> None:
+    """ArgumentError for a model with hysteresis: ``what`` does not take it into account."""
+    names = hysteretic_joints(model)
+    if names:
+        raise ArgumentError(
+            f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
+            "only solve and simulate take into account; remove the table hysteresis of the gear from the model file"
+        )

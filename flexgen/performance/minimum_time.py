@@ -31,6 +31,7 @@ from flexgen.inversion.solution import Solution, format_size
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.friction import refuse_hysteresis
 from flexgen.model.output_columns import unit_of
 from flexgen.paths.path import Path, check_range
 from flexgen.performance.rigid_time import rigid_time
@@ -235,6 +236,7 @@ def fastest(
     if against not in (None, AGAINST):
         raise ArgumentError(f"against: given {against!r}, expected {AGAINST!r} or None")
     robot = robot_of(model)
+    refuse_hysteresis(robot, "fastest")
     if against is not None and robot.uncertainty is None:
         raise ArgumentError(f"against: given {robot.title} without a table [uncertainty], expected one in its file")
     check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")

@@ -33,7 +33,7 @@ AT_REST, AT_REST_ABS = 1e-4, 1e-9  # of the largest speed; rad/s or m/s: roundin
 class Motion:
     """Motion and torque at n instants ``t``: arm ``q_a v_a a_a`` (n, n_a), motors ``q_m v_m a_m tau_m`` (n, n_m).
 
-    ``force`` (n, 6): force and torque on the tool; None: nothing.
+    ``force`` (n, 6): force and torque on the tool; ``tau_h`` (n, n_g): torques of the gears' hysteresis; None: nothing.
     """
 
     t: np.ndarray
@@ -45,6 +45,7 @@ class Motion:
     a_m: np.ndarray
     tau_m: np.ndarray
     force: np.ndarray | None = None
+    tau_h: np.ndarray | None = None
 
 
 def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
@@ -57,7 +58,7 @@ def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray])
             return None
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     finite = all(np.isfinite(x).all() for x in found.values())
-    return Motion(data.time, **found, force=given.get("force")) if finite else None
+    return Motion(data.time, **found, force=given.get("force"), tau_h=data.channels.get("tau_h")) if finite else None
 
 
 @dataclass(frozen=True)

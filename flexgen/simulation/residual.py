@@ -26,6 +26,11 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     else:
         r_a, r_m = evaluate(equations.function("residual"), *between, tau)
     n = len(middle)
+    if motion.tau_h is not None:
+        z, model = spline(t, motion.tau_h)(middle), equations.model
+        r_a, r_m = r_a.reshape(n, -1), r_m.reshape(n, -1)
+        r_a[:, list(model.i_g)] -= z
+        r_m += z @ np.linalg.inv(model.eta)
     return np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from flexgen.mechanics.equations import Equations
+from flexgen.model.friction import hysteretic_joints
 from flexgen.simulation.compiled_rate import CompiledRate, compiled_rate
 from flexgen.simulation.integrators import EXPLICIT, Rates, integrate
 from flexgen.simulation.motor_feedback import MotorFeedback
@@ -20,12 +21,13 @@ Input = Callable[[float, float], PPoly]
 
 ATOL, ATOL_SHARE = 1e-12, 0.1  # rad or m, and their rates; of a relative tolerance below 1e-11
 ATOL_WORK = 1e-9  # J: work and loss are observers, they must not drive the step size below what the motion needs
+ATOL_SLIP = 1e-10  # of the torque at which a hysteresis slips
 ATOL_INTEGRAL = 1e-9  # rad, motor side: of the integral part of the feedback
 
 
 @dataclass(frozen=True)
 class Run:
-    """States (q_a, q_me, v_a, v_me, work, loss) at the instants, (n, n_x).
+    """States (q_a, q_me, v_a, v_me, work, loss) at the instants, (n, n_x), then torques of the gears' hysteresis.
 
     ``last``: the last one with the integrals of the feedback; ``rates``: the right-hand side there; ``integrator``: the
     implicit method if any part needed it.
@@ -72,10 +74,20 @@ def run(
     n = robot.dof
     integrals = 0 if feedback is None else robot.n_m
     function, in_c = _rates(equations, progress)
-    parts = [np.full(2 * n, min(ATOL, ATOL_SHARE * rtol)), np.full(2, ATOL_WORK), np.full(integrals, ATOL_INTEGRAL)]
+    slip = np.zeros(0)
+    if hysteretic_joints(robot):
+        from flexgen.mechanics.hysteresis import gear_hysteresis
+
+        slip = gear_hysteresis(robot).slip
+    parts = [
+        np.full(2 * n, min(ATOL, ATOL_SHARE * rtol)),
+        np.full(2, ATOL_WORK),
+        np.maximum(ATOL_SLIP * slip, 1e-12),
+        np.full(integrals, ATOL_INTEGRAL),
+    ]
     tolerances = np.concatenate(parts)
     states = np.empty((len(t), len(tolerances)))
-    states[0] = np.concatenate([start, np.zeros(2 + integrals)])
+    states[0] = np.concatenate([start, np.zeros(2 + len(slip) + integrals)])
     evaluations, integrator = 0, EXPLICIT
     ends = [0, *corners, len(t) - 1]
     for first, last in pairwise(ends):
@@ -84,7 +96,7 @@ def run(
         states[first + 1 : last + 1] = found.states[1:]
         evaluations += found.evaluations
         integrator = found.method if found.method != EXPLICIT else integrator
-    return Run(states[:, : 2 * n + 2], states[-1], rates, evaluations, integrator)
+    return Run(states[:, : 2 * n + 2 + len(slip)], states[-1], rates, evaluations, integrator)
 
 
 def rates_of(
@@ -101,31 +113,34 @@ def rates_of(
     robot = equations.model
     n_a, n, n_m, i_m = robot.n_a, robot.dof, robot.n_m, list(robot.i_m)
     motors, speeds, pushed = np.zeros(n_m), np.zeros(n_m), equations.force is not None
+    own = function.size1_in(0)  # of the robot
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
         u = given(instant)
         if feedback is None:
             return np.asarray(function(x, u), float).ravel()
-        more, w = feedback.torque(x, x[2 * n + 2 :], u[n_m : 3 * n_m])
+        more, w = feedback.torque(x, x[own:], u[n_m : 3 * n_m])
         applied = np.concatenate([u[:n_m] + more, u[n_m:]]) if pushed else u[:n_m] + more
-        return np.concatenate([np.asarray(function(x[: 2 * n + 2], applied), float).ravel(), w])
+        return np.concatenate([np.asarray(function(x[:own], applied), float).ravel(), w])
 
     def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
         motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
         u = given(instant)
-        tau = u[:n_m] if feedback is None else u[:n_m] + feedback.torque(x, x[2 * n + 2 :], u[n_m : 3 * n_m])[0]
+        tau = u[:n_m] if feedback is None else u[:n_m] + feedback.torque(x, x[own:], u[n_m : 3 * n_m])[0]
         more = [u[3 * n_m :]] if pushed else []
         A, B = (
             np.array(each)
             for each in equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, tau, *more)
         )
-        if feedback is None:
-            return np.pad(A, (0, 2))
         out = np.zeros((len(x), len(x)))
-        in_torque, in_w = feedback.state_feedback()
-        out[: 2 * n, : 2 * n] = A + B @ in_torque
-        out[: 2 * n, 2 * n + 2 :] = B * (feedback.speed_gain * feedback.integral_gain)
-        out[2 * n + 2 :, : 2 * n] = in_w
+        out[: 2 * n, : 2 * n] = A
+        if own > 2 * n + 2:  # the torques of the gears' hysteresis
+            out[:own, :own] = np.array(_jacobian(equations)(x[:own], np.concatenate([tau, u[n_m:]]) if pushed else tau))
+        if feedback is not None:
+            in_torque, in_w = feedback.state_feedback()
+            out[: 2 * n, : 2 * n] += B @ in_torque
+            out[: 2 * n, own:] = B * (feedback.speed_gain * feedback.integral_gain)
+            out[own:, : 2 * n] = in_w
         return out
 
     return Rates(rate, jacobian, in_c, given, feedback)
@@ -145,15 +160,39 @@ def _rates(equations: Equations, progress: Callable[[str], None] | None) -> tupl
 
 
 def _rate(equations: Equations) -> ca.Function:
-    """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the torque."""
+    """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the torque.
+
+    With hysteresis its torques are states too, and the power that goes into it counts as lost.
+    """
     robot = equations.model
     n_a, n, n_m = robot.n_a, robot.dof, robot.n_m
     pushed = equations.force is not None  # the force is behind the references of a feedback
-    x, given = ca.SX.sym("x", 2 * n + 2), ca.SX.sym("tau_m", 3 * n_m + 6 if pushed else n_m)
+    hysteretic = bool(hysteretic_joints(robot))
+    x = ca.SX.sym("x", 2 * n + 2 + (robot.n_g if hysteretic else 0))
+    given = ca.SX.sym("tau_m", 3 * n_m + 6 if pushed else n_m)
     torque, more = (given[:n_m], [given[3 * n_m :]]) if pushed else (given, [])
     motors, speeds = ca.SX.zeros(robot.n_m), ca.SX.zeros(robot.n_m)
     for k, j in enumerate(robot.i_m):
         motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
     power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque, *more)
-    rates = ca.vertcat(equations.function("state_rate")(x[: 2 * n], torque, *more), *power)
+    if hysteretic:
+        from flexgen.mechanics.hysteresis import hysteretic_rate
+
+        inputs, outputs = hysteretic_rate(equations)
+        dx, dz, taken = ca.Function("rate", inputs, outputs)(x[: 2 * n], x[2 * n + 2 :], torque, *more)
+        rates = ca.vertcat(dx, power[0], power[1] + taken, dz)
+    else:
+        rates = ca.vertcat(equations.function("state_rate")(x[: 2 * n], torque, *more), *power)
     return ca.Function("rate", [x, given], [ca.cse(rates)])
+
+
+_jacobians: WeakKeyDictionary[Equations, ca.Function] = WeakKeyDictionary()
+
+
+def _jacobian(equations: Equations) -> ca.Function:
+    """The derivative of `_rate` in the state."""
+    if equations not in _jacobians:
+        rate = _rate(equations)
+        x, u = ca.SX.sym("x", rate.size1_in(0)), ca.SX.sym("u", rate.size1_in(1))
+        _jacobians[equations] = ca.Function("jacobian", [x, u], [ca.densify(ca.jacobian(rate(x, u), x))])
+    return _jacobians[equations]

@@ -255,7 +255,7 @@ def _simulate_once(
         trajectory=recorded,
         tool_error_max_m=in_m,
         tool_error_max_rad=in_rad,
-        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), *states[:, 2 * n :].T),
+        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), *states[:, 2 * n : 2 * n + 2].T),
         torque_max_Nm=float(np.abs(applied).max()),
         speed_max_rad_s=float(np.abs(v_m).max()),
         evaluations=found.evaluations,

@@ -116,8 +116,9 @@ def everything(folder: Path) -> Path:
     (folder / "track.csv").write_text("t,x,y,z,rx,ry,rz\n" + "".join(f"{k},{k},0,0,0,0,0\n" for k in range(20)))
     text = ""
     for k in range(6):
+        lossy = ", hysteresis = { lost_motion = 1e-4, stiffness = 1e5 }" if k == 0 else ""
         gear = (
-            f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1 }}'
+            f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1{lossy} }}'
             if k < 5
             else '{ type = "rigid" }'
         )

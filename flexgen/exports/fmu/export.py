@@ -19,6 +19,7 @@ from flexgen.exports.fmu.binaries import SOURCE, Binary, binaries_of, compile_bi
 from flexgen.exports.fmu.block import Block, config
 from flexgen.exports.fmu.description import build_description, description_2, description_3
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_hysteresis
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.simulation.hold import SAMPLE_TIME
@@ -122,6 +123,7 @@ def export_fmu(
     log = progress if callable(progress) else lambda line: None
     binaries = binaries_of(version, binary, platforms)
     robot = model if isinstance(model, RobotModel) else read(model)
+    refuse_hysteresis(robot, "export")
     return _written(robot, path, (version, block, binaries), given, log)
 
 

@@ -1,0 +1,28 @@
+"""Motors behind gears with hysteresis, after the motion of the arm.
+
+At a reversal p'' jumps, or changes within the time constant D/K of the gear, and the motor torque with it. Rates are
+differences of the deflections at the samples, whose sum is the change of speed: samples of p'' itself would miss the
+impulse of the torque, and the robot would leave its path by four orders of magnitude more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.motor_side import motors_behind
+from flexgen.inversion.sampling import second_time_derivative, time_derivative
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.hysteretic_gears import hysteretic_deflections
+
+
+def with_hysteresis(equations: Equations, result: MethodResult) -> MethodResult:
+    """The result of a method with the motors behind gears with hysteresis, which begin at rest with z = 0."""
+    i_g, tau, step = list(equations.model.i_g), result.tau_g, result.t[1] - result.t[0]
+    tau_g = np.stack([tau, time_derivative(tau, step), second_time_derivative(tau, step)], axis=2)
+    p, z = hysteretic_deflections(equations, result.t, tau_g)
+    motion = [result.q[:, i_g] + p, result.v[:, i_g] + time_derivative(p, step)]
+    motion.append(result.a[:, i_g] + second_time_derivative(p, step))
+    return replace(result, motors=motors_behind(equations, motion, result.tau_g), tau_h=z)
