@@ -40,7 +40,7 @@ from flexgen.library.directory import (
 )
 from flexgen.library.packaging import packaging
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import added_sources
+from flexgen.model.friction import added_sources, refuse_hysteresis
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
@@ -171,6 +171,7 @@ def generate(
     start = time.perf_counter()
     log = progress if callable(progress) else (lambda line: None)
     robot, equations = _resolve(model)
+    refuse_hysteresis(robot, "generate")
     options = check_build(bool(native), bool(openmp), isa, target)
     parts = tuple(dict.fromkeys(_names("parts", parts)))
     names = choose_functions(functions, robot, parts)

@@ -94,7 +94,9 @@ def _drive(coordinate: dict[str, Any]) -> str:
     gear, spring = coordinate.get("gear"), coordinate.get("spring")
     if gear is not None:
         elastic = gear["type"] != "rigid"
-        return f"elastic gear, {gear['spring']['type']}, {gear['side']} side" if elastic else "rigid gear"
+        loop = gear.get("hysteresis")
+        lossy = f", lost motion {loop['lost_motion']:.3g} {coordinate['unit']}" if loop else ""
+        return f"elastic gear, {gear['spring']['type']}, {gear['side']} side{lossy}" if elastic else "rigid gear"
     return "beam bending" if spring is None else f"spring, {spring['type']}"
 
 

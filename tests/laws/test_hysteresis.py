@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 import flexgen
 from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.inversion.sampling import second_time_derivative, time_derivative
+from flexgen.library.model_library import library_with
 from flexgen.mechanics import hysteresis as law_of
 from flexgen.mechanics import hysteretic_gears as stage
 from flexgen.mechanics.hysteresis import gear_hysteresis, without_hysteresis
@@ -180,6 +181,7 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
         "mex": lambda: flexgen.export_mex(model, tmp_path / "mex"),
         "full": lambda: flexgen.solve(model, method="full", progress=False),
         "limits": lambda: flexgen.solve(model, limits=flexgen.Limits(torque=(1.0,)), method="lq", progress=False),
+        "generate": lambda: flexgen.generate(model, tmp_path / "lib", build=False, progress=False),
         "study": lambda: flexgen.feedback_study(model),
     }
     for name, call in calls.items():
@@ -187,7 +189,8 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
             call()
             pytest.fail(name)
     with pytest.raises(ArgumentError, match="the gear of q1 has hysteresis, which only solve and simulate"):
-        flexgen.generate(model, tmp_path / "lib", functions=["forward_dynamics"], build=False, progress=False)
+        library_with(model, ["forward_dynamics"])
+    assert library_with(model, ["inverse_dynamics"]).functions.keys() == {"inverse_dynamics"}  # of the arm alone
     again = flexgen.read(flexgen.export_urdf(model, tmp_path / "elbow.urdf").details["overlay"])
     assert gear_hysteresis(again).slip == pytest.approx(gear_hysteresis(model).slip)
 
