@@ -102,8 +102,8 @@ def solve(
         Keeps its value in a move of the tool, of an arm with more motors than outputs: see `flexgen.paths.redundancy`.
     fastest : bool
         Old (a DeprecationWarning): the fastest time law within ``limits``; now ``solve(model, fastest(model).move)``.
-    force : array (n, 3), function of time [s], Trajectory or file, optional [N]
-        What a process exerts on the tool, world axes; also (n, 6) with moments [N m], or (n, 2) in the plane.
+    force : array (n, 3), callable, Trajectory or file, optional [N]
+        What a process exerts on the tool at times [s], world axes; also (n, 6) with moments [N m], (n, 2) in a plane.
     progress : callable or bool, optional
         Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional

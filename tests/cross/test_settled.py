@@ -185,9 +185,9 @@ def test_an_end_that_later_steps_show_to_be_early_is_corrected(tmp_path, monkeyp
     """The first step is made to end the motion where fifty times too much is left."""
     cut = "cut_mesh(m, o->samples_per_interval, end);"
     early = f"end->allowed *= 50.0;\n            {cut}\n            end->allowed /= 50.0;"
-    wrong = planted("tool", "invert.c", cut, early, tmp_path, monkeypatch)
     equations = arm("tool")
-    given, right = arguments(equations), inversion_library(equations, "lq", SOLVERS)
+    given, right = arguments(equations), inversion_library(equations, "lq", SOLVERS)  # before the error is there
+    wrong = planted("tool", "invert.c", cut, early, tmp_path, monkeypatch)
     found, expected = wrong.invert(**given, settled=ALLOWED), right.invert(**given, settled=ALLOWED)
     assert found.n_post == expected.n_post and found.intervals > expected.intervals
     assert np.abs(found.tau_m - expected.tau_m).max() < 1e-8 * np.abs(expected.tau_m).max()
