@@ -168,6 +168,13 @@ def test_levels_that_cannot_be_compared_are_refused():
             flexgen.identify(robot, data, starts=1, levels=[wrong], progress=False)
 
 
+def test_a_model_with_backlash_is_refused():
+    dead_band = {"type": "backlash", "stiffness": 4e5, "gap": 1e-4, "smoothing": 1e-5}
+    robot = flexgen.read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.spring": dead_band})
+    with pytest.raises(ArgumentError, match="levels: given a model with backlash in the gear of q1, expected other"):
+        at_levels._gears(robot)
+
+
 def test_changes_are_those_of_a_model_with_other_numbers():
     """Against the responses of the model itself; planted: the changes with the other sign."""
     robot = ROBOTS["planar5_nmp"][0]

@@ -19,7 +19,7 @@ from flexgen.identification.residuals import Residuals, noise_levels, output_pow
 from flexgen.mechanics.force_laws import stiffness_at_zero
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.parameters import with_values
-from flexgen.model.elements import RobotModel
+from flexgen.model.elements import BacklashSpring, RobotModel
 
 LEAST_FACTOR = 1.3  # between the speeds of two levels
 WORDS = {
@@ -138,6 +138,12 @@ def _numbers(residuals: Residuals, x: np.ndarray) -> dict[str, float]:
 
 def _gears(robot: RobotModel) -> tuple[list[int], np.ndarray]:
     """Coordinates with elastic gears, and the stiffness of those at zero, arm side."""
+    for i, (gear, _) in zip(robot.i_g, gears(robot), strict=True):
+        if isinstance(gear.spring, BacklashSpring):
+            raise ArgumentError(
+                f"levels: given a model with backlash in the gear of {robot.coordinates[i].name}, expected other "
+                "springs: the levels are compared by the stiffness at zero, which a dead band does not have"
+            )
     out = [
         (i, factor**2 * stiffness_at_zero(gear.spring))
         for i, (gear, factor) in zip(robot.i_g, gears(robot), strict=True)
