@@ -171,7 +171,6 @@ def generate(
     start = time.perf_counter()
     log = progress if callable(progress) else (lambda line: None)
     robot, equations = _resolve(model)
-    refuse_hysteresis(robot, "generate")
     options = check_build(bool(native), bool(openmp), isa, target)
     parts = tuple(dict.fromkeys(_names("parts", parts)))
     names = choose_functions(functions, robot, parts)
@@ -338,13 +337,14 @@ def _write_sources(request: _Request, digest: str, log: Callable[[str], None]) -
 
 def _resolve(given: Any) -> tuple[RobotModel, Any]:
     """The model, and the equations where they were given."""
-    if isinstance(given, RobotModel):
-        return given, None
     if isinstance(given, str | os.PathLike):
-        return read(given if isinstance(given, str) else Path(given)), None
-    if isinstance(getattr(given, "model", None), RobotModel) and callable(getattr(given, "function", None)):
-        return given.model, given
-    raise ArgumentError(f"model: given {type(given).__name__}, expected a name or path, a RobotModel or Equations")
+        given = read(given if isinstance(given, str) else Path(given))
+    derived = isinstance(getattr(given, "model", None), RobotModel) and callable(getattr(given, "function", None))
+    if not derived and not isinstance(given, RobotModel):
+        raise ArgumentError(f"model: given {type(given).__name__}, expected a name or path, a RobotModel or Equations")
+    robot = given.model if derived else given
+    refuse_hysteresis(robot, "generate")
+    return robot, given if derived else None
 
 
 def _folder(given: Any) -> Path:
