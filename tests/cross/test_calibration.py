@@ -179,6 +179,7 @@ def test_a_tilt_from_pose_to_pose_is_found() -> None:
     assert components.seen_others(statics, numbers, rest, seen, wrong).mean() > 1.3 * others
 
 
+@pytest.mark.slow
 def test_a_wrong_mechanism_asks_for_negative_compliance() -> None:
     """The chest turned by the commanded angles instead of the actual ones: warned, by name; the right model is not."""
     truth = flexgen.read(JUSTIN)

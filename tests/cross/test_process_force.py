@@ -261,6 +261,7 @@ def test_six_axes_within_a_micrometer():
     assert alone > 4e-4 and wrong < 0.25 * alone
 
 
+@pytest.mark.slow
 def test_two_methods_agree():
     equations = flexgen.derive("planar5_nmp")
     force = milling(duration_of(equations), PLANE)
@@ -269,6 +270,7 @@ def test_two_methods_agree():
     np.testing.assert_allclose(bvp.trajectory.at(t)["tau_m"], lq.trajectory.at(t)["tau_m"], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
     equations = flexgen.derive("planar5_nmp")
     made = flexgen.generate(equations.model, tmp_path / "made", parts=["force"], progress=False)

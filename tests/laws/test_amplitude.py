@@ -82,7 +82,7 @@ def identified(name, cause, seed=0, factor=1.0):
     return flexgen.identify(model, data[0], starts=1, levels=data[1:], progress=False)
 
 
-@pytest.mark.parametrize("cause", NONLINEAR)
+@pytest.mark.parametrize("cause", [*(pytest.param(x, marks=pytest.mark.slow) for x in NONLINEAR[:-1]), NONLINEAR[-1]])
 def test_a_nonlinearity_is_named(cause):
     found = identified("planar5_nmp", cause).amplitude
     assert cause in found.causes[0].words and len(found.causes) == 1 and found.causes[0].share > 0.9
@@ -90,7 +90,7 @@ def test_a_nonlinearity_is_named(cause):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.full) for k in (2, 3))])
 @pytest.mark.parametrize("cause", NONLINEAR)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_each_nonlinearity_is_named_on_each_robot(name, cause, seed):
@@ -99,13 +99,13 @@ def test_each_nonlinearity_is_named_on_each_robot(name, cause, seed):
     assert found.causes and cause in found.causes[0].words
 
 
-@pytest.mark.parametrize("fault", ["nothing", "missing spring"])
+@pytest.mark.parametrize("fault", ["nothing", pytest.param("missing spring", marks=pytest.mark.slow)])
 def test_a_linear_robot_is_not_called_nonlinear(fault):
     assert not identified("planar5_nmp", fault).amplitude.differs
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.full)])
 @pytest.mark.parametrize("fault", LINEAR)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_no_linear_fault_is_called_nonlinear(name, fault, seed):
@@ -117,6 +117,7 @@ def test_no_linear_fault_is_called_nonlinear(name, fault, seed):
     assert (str(found.status) == "fitted") == (fault == "nothing")
 
 
+@pytest.mark.slow
 def test_numbers_of_a_law_are_those_that_were_planted():
     """Coulomb friction within 10 %, the half width of a dead band, a small part of the motion, within 35 %."""
     friction, gap = (identified("planar5_nmp", cause).amplitude.causes[0].words for cause in NONLINEAR[::-3])
@@ -126,12 +127,14 @@ def test_numbers_of_a_law_are_those_that_were_planted():
     np.testing.assert_allclose(found, [0.03, 0.0159], rtol=0.35)
 
 
+@pytest.mark.slow
 def test_without_distortion_two_laws_are_not_told_apart(monkeypatch):
     """Planted: in the horizontal plane the changes of stiffness alone fit a dead band and a cubic spring alike."""
     monkeypatch.setattr(amplitude, "DISTORTION_SD", 1e9)
     assert len(identified("planar5_nmp", "stiffness that rises").amplitude.causes) == 2
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_of_the_speed_dependence_is_seen(monkeypatch):
     """Planted: a Coulomb friction whose viscous equivalent rises with the speed explains nothing."""
     monkeypatch.setattr(amplitude, "average_coulomb", lambda speed: average_coulomb(1 / speed))
@@ -139,6 +142,7 @@ def test_a_wrong_sign_of_the_speed_dependence_is_seen(monkeypatch):
     assert found.causes == () and "do not explain it" in found.sentence
 
 
+@pytest.mark.slow
 def test_a_friction_that_the_model_has_is_not_named_again():
     """What remains is distortion."""
     robot, _, friction = ROBOTS["planar5_nmp"]
@@ -157,6 +161,7 @@ def test_the_result_is_printed_and_saved():
     assert "amplitude" not in alone.to_dict()
 
 
+@pytest.mark.slow
 def test_levels_that_cannot_be_compared_are_refused():
     robot, (data, other) = ROBOTS["planar5_nmp"][0], responses("planar5_nmp", "nothing")
     for wrong, words in (
