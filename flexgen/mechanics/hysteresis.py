@@ -43,6 +43,15 @@ def gear_hysteresis(model: RobotModel) -> GearHysteresis:
     return GearHysteresis(stiffness, slip)
 
 
+def torque_along(law: GearHysteresis, p: np.ndarray) -> np.ndarray:
+    """Torques z of the hysteresis (n, n_g) along deflections ``p`` (n, n_g) that reverse at samples, from z = 0."""
+    out, slip = np.zeros_like(p), np.where(law.present, law.slip, 1.0)
+    for k, change in enumerate(np.diff(p, axis=0), 1):
+        end = np.sign(change) * law.slip
+        out[k] = end + (out[k - 1] - end) * np.exp(-np.abs(change) * law.stiffness / slip)
+    return out
+
+
 def generalized_force(model: RobotModel, z: ca.SX) -> ca.SX:
     """Forces on y = (q_a, q_me) (n,) of additional gear torques ``z`` (n_g,) [N m]."""
     forces = ca.SX.zeros(model.dof)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
+from flexgen.model.friction import hysteretic_joints
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.growth import Motion
 from flexgen.torque_curve import spline, torque_curve
@@ -26,12 +27,21 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     else:
         r_a, r_m = evaluate(equations.function("residual"), *between, tau)
     n = len(middle)
-    if motion.tau_h is not None:
-        z, model = spline(t, motion.tau_h)(middle), equations.model
+    if hysteretic_joints(equations.model):
+        z, model = spline(t, _hysteresis(equations, motion))(middle), equations.model
         r_a, r_m = r_a.reshape(n, -1), r_m.reshape(n, -1)
         r_a[:, list(model.i_g)] -= z
         r_m += z @ np.linalg.inv(model.eta)
     return np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
+
+
+def _hysteresis(equations: Equations, motion: Motion) -> np.ndarray:
+    """Torques of the gears' hysteresis (n, n_g): those of the motion, or what its deflections make of it."""
+    from flexgen.mechanics.hysteresis import gear_hysteresis, torque_along
+
+    model = equations.model
+    deflection = motion.q_m @ np.linalg.inv(model.eta).T - motion.q_a[:, list(model.i_g)]
+    return torque_along(gear_hysteresis(model), deflection) if motion.tau_h is None else motion.tau_h
 
 
 def _half_way(h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -105,6 +105,13 @@ def test_damped_gears_follow_an_own_integrator(damping: float | None) -> None:
     assert_allclose(impulses, rates[quiet] - rates[50], rtol=0, atol=3e-5 * largest)  # of the trapezoids
 
 
+def test_the_law_along_deflections_is_that_of_the_stage() -> None:
+    model, t = elbow(0.0), np.linspace(0.0, 0.45, 1801)  # reversals at samples
+    law = gear_hysteresis(model)
+    p, z = hysteretic_deflections(flexgen.derive(model), t, cycles(t, 3.0 * law.slip[0]))
+    assert_allclose(law_of.torque_along(law, p), z, rtol=0, atol=1e-6 * law.slip.max())
+
+
 @pytest.mark.slow
 def test_a_cycle_loses_the_area_of_the_loop() -> None:
     """The work int z dp over one cycle, against the integral over both branches of the closed loop by quadrature."""
@@ -157,6 +164,7 @@ def test_the_simulation_balances_the_energy_and_is_without_hysteresis_as_before(
     assert plain.simulation is not None
     lossy = flexgen.simulate(elbow(), plain.trajectory)
     assert lossy.energy_error < 1e-9 and lossy.tool_error_max_m > 1e-5
+    assert 0.5 < lossy.defect_max_m / lossy.tool_error_max_m < 5.0  # the torques lack the hysteresis
     least = flexgen.simulate(elbow(lost_motion=1e-9), plain.trajectory)
     assert least.tool_error_max_m == pytest.approx(0.0, abs=1e-8)  # the lost motion times the reach
 
