@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.hysteresis import GearHysteresis, gear_hysteresis
 from flexgen.mechanics.lagrangian import gears
@@ -28,7 +29,7 @@ from flexgen.numerics.evaluate import Evaluator
 from flexgen.numerics.tableaus import radau
 
 NEWTON, BISECTIONS, REVERSALS = 60, 60, 8
-ROUNDING = 1e-15
+ROUNDING, SOLVED = 1e-15, 1e-9  # of the last step of Newton's method: at most, and where it cannot be smaller
 TABLE = radau(3)
 
 
@@ -141,6 +142,11 @@ class _Stage:
             x = x - step
             if np.abs(step).max() <= ROUNDING * (1e-3 + np.abs(x).max()):
                 break
+        if not np.abs(step).max() <= SOLVED * (1e-3 + np.abs(x).max()):
+            raise SolverError(
+                "hysteresis: no deflection of the gears carries their torques between two samples; expected finite "
+                "torques and a spring whose torque rises with its deflection"
+            )
         value, _, _ = self.branch.torque(x)
         return x[-1], np.where(damped, torque[-1] - value[-1], later[-1])
 

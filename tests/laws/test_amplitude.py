@@ -64,10 +64,8 @@ def truth_of(name, fault, factor=1.0):
 def responses(name, cause, seed=0, factor=1.0):
     """Frequency responses at both levels, noise 1e-4 rad."""
     robot = ROBOTS[name][0]
-    plan = flexgen.excite(
-        robot, poses=3, lines=30, period_s=2.0, periods=3, transients=3, seed=seed, hardware=DriveHardware(5e-4),
-        progress=False,
-    )  # fmt: skip
+    given = {"poses": 3, "lines": 30, "period_s": 2.0, "periods": 3, "transients": 3, "seed": seed}
+    plan = flexgen.excite(robot, **given, hardware=DriveHardware(5e-4), progress=False)
     truth, late = truth_of(name, cause, factor)
     law = law_of(name, cause, factor)
     runs = [plant.at_level(plan, level) for level in LEVELS]

@@ -169,6 +169,13 @@ def test_the_simulation_balances_the_energy_and_is_without_hysteresis_as_before(
     assert least.tool_error_max_m == pytest.approx(0.0, abs=1e-8)  # the lost motion times the reach
 
 
+def test_torques_that_no_deflection_carries_are_an_error() -> None:
+    tau = np.zeros((3, 2, 3))
+    tau[1, 0, 0] = np.nan
+    with pytest.raises(SolverError, match="hysteresis: no deflection of the gears carries their torques"):
+        hysteretic_deflections(flexgen.derive(elbow()), np.array([0.0, 1e-3, 2e-3]), tau)
+
+
 def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
     model = elbow()
     told = "whose gear of q1 has hysteresis, expected gears without it"

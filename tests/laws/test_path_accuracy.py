@@ -77,13 +77,15 @@ def test_settling_and_overshoot_are_those_of_an_oscillator(damping: float, frequ
     distance = np.linalg.norm(wave - last, axis=1)
     outside = TIME[(TIME >= END) & (distance > band)]
     first = TIME[(TIME >= END) & (distance <= band)][0]
-    if outside[-1] > 1.5:
-        assert found.settling_s == (None,)
-    else:
-        assert found.settling_s[0] == pytest.approx(outside[-1] - END, abs=1.5e-3)
+    assert found.settling_s[0] == pytest.approx(outside[-1] - END, abs=1.5e-3)
     assert found.overshoots[0] == pytest.approx(distance[first <= TIME].max(), rel=1e-9)
     half = size * np.exp(-damping * np.pi / np.sqrt(1 - damping**2))  # the first peak beyond
     assert found.overshoots[0] == pytest.approx(half, rel=0.05)
+
+
+def test_a_robot_that_does_not_stay_in_the_band_has_no_settling_time() -> None:
+    wave = np.where(TIME >= END, 1e-3 * np.cos(40.0 * (TIME - END)), 0.0)
+    assert judged(circle(TIME) + wave[:, None] * [1.0, 0.0]).settling_s == (None,)
 
 
 def test_a_robot_that_creeps_into_the_band_has_no_overshoot() -> None:

@@ -167,10 +167,9 @@ def _level(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray
     Z = s**2 * M[:, None] + s * D[:, None] + K[:, None]
     inward = at.vector.drive_at(x, at.drive).transfer(data.w, n)[:, None, :]
     inverse = np.linalg.inv(Z)
-    linear = Linearization(
-        data.w, at.response(x).G[:, :, :n], s**2 * (local.motor_rows @ inverse @ rows.T), rows @ inverse @ rows.T,
-        rows @ (inverse @ B[:, None]) * inward, stiffness, np.array([m.inertia for m in model.motors]),
-    )  # fmt: skip
+    L, S = s**2 * (local.motor_rows @ inverse @ rows.T), rows @ inverse @ rows.T
+    P, inertia = rows @ (inverse @ B[:, None]) * inward, np.array([m.inertia for m in model.motors])
+    linear = Linearization(data.w, at.response(x).G[:, :, :n], L, S, P, stiffness, inertia)
     G = data.G[:, :, :n]
     inertia = np.array([motor.inertia for motor in model.motors])
     gear = (model.eta.T @ (inward * np.eye(n) - inertia[:, None] * G))[:, :, elastic]  # torque of the gears
