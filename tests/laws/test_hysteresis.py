@@ -153,8 +153,9 @@ def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.M
         )
     try:
         wrong = flexgen.solve(model, verify=False, progress=False)
-    except SolverError as error:
-        assert "does not satisfy the equations of motion" in str(error)
+    except SolverError as error:  # refused: the torques are wrong, or the deflections do not exist
+        found = "does not satisfy the equations of motion", "no deflection of the gears carries their torques"
+        assert any(words in str(error) for words in found)
     else:
         assert flexgen.simulate(model, wrong.trajectory).tool_error_max_m > 1e-6
 
