@@ -560,6 +560,13 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     }
 #endif
     status = deflection_at_equilibrium(q, stream + l.now, space);
+#if MODEL_HYSTERESIS
+    if (status == MODEL_OK) {
+        branches b;
+        status = begin_branches(&b, options->period, stream + l.now, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+        keep_branches(&b, stream + l.now);
+    }
+#endif /* MODEL_HYSTERESIS */
     if (status == MODEL_OK) {
         stream[STATE] = IS_RUNNING;
     }
@@ -614,6 +621,8 @@ model_status model_stream_force(const model_stream *given, const real *force)
 }
 
 #endif /* MODEL_FORCE */
+#if MODEL_HYSTERESIS
+#else  /* MODEL_HYSTERESIS */
 COLD model_status model_stream_limits(
     const model_stream *given, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
 {
@@ -650,6 +659,7 @@ COLD model_status model_stream_limits(
     }
     return MODEL_OK;
 }
+#endif /* MODEL_HYSTERESIS */
 
 /* Status of an update that fails after its sample was taken; UNREACHABLE would mean that the sample was refused. */
 static model_status failed(real *stream, int status)

@@ -6,6 +6,9 @@
 
 #include "model_inversion.h"
 
+#if MODEL_HYSTERESIS
+#include "model_hysteresis.h"
+#endif /* MODEL_HYSTERESIS */
 #include "model_limits.h"
 #include "model_lq_step.h"
 #include "model_mesh.h"
@@ -92,7 +95,11 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
     PLACE(tau, l.window * NG);
     PLACE(deflection, l.window * NG);
     PLACE(lagged, l.window * NG);
+#if MODEL_HYSTERESIS
+    PLACE(now, BRANCH * NG);
+#else  /* MODEL_HYSTERESIS */
     PLACE(now, NG);
+#endif /* MODEL_HYSTERESIS */
     PLACE(joint, l.window * JOINT);
     PLACE(most, MEASURES + NM);
     /* 1 where there is a prediction; predicted motor torques and gear deflections at the end of the interval before */
@@ -823,6 +830,42 @@ static inline void hold_interval(real *s, const layout *l, real *tau_m)
     }
     copy(s + l->torque + samples_per_interval * NM, HOLD_BEFORE * NM, s + l->torque);
 }
+#if MODEL_HYSTERESIS
+
+/*
+ * Deflections of the gears from MARGIN samples before the interval on, for differences in it. The branches are carried
+ * on from update to update; the present plan changes the past a little: undamped gears follow it.
+ */
+static inline int hysteretic_window(real *s, const layout *l)
+{
+    const ptrdiff_t each = (ptrdiff_t)s[SAMPLES_PER_INTERVAL], last = BACK + each + l->ahead + MARGIN;
+    const real fine = s[PERIOD] / (real)each;
+    branches b;
+    quintics q = {{{0.0}}};
+    real right[NG][3] = {{0.0}};
+    if (!begin_branches(&b, fine, s + l->now, s + l->space)) {
+        return 0;
+    }
+    take_branches(&b, s + l->now);
+    for (ptrdiff_t k = MARGIN; k <= last; ++k) {
+        for (int i = 0; i < NG; ++i) {
+            const real *tau = s + l->tau + k * NG + i;
+            const real now[3] = {
+                *tau, fine * derivative_of(tau, NG, fine), fine * fine * second_derivative_of(tau, NG, fine)};
+            set_quintic(&q, i, k > MARGIN ? right[i] : now, now);
+            copy(now, 3, right[i]);
+        }
+        if (!(k > MARGIN ? advance_branches(&b, &q, s + l->space) : correct_branches(&b, &q, s + l->space))) {
+            return 0;
+        }
+        copy(b.p, NG, s + l->lagged + k * NG);
+        if (k == MARGIN + each) {
+            keep_branches(&b, s + l->now);
+        }
+    }
+    return 1;
+}
+#endif /* MODEL_HYSTERESIS */
 
 /*
  * Motors in the interval; the deflections of the gears are carried on from update to update. step, output_step: of the
@@ -835,6 +878,15 @@ static inline int motors_in_interval(
     const int is_first = !(s[l->expected] > 0.0);
     real *space = s + l->space, *torque = s + l->torque, last_stiffness[NG];
     gears g;
+#if MODEL_HYSTERESIS
+    set_differences(&g, s[PERIOD] / (real)samples_per_interval);
+    if (!static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    if (!hysteretic_window(s, l)) {
+        return MODEL_NOT_CONVERGED;
+    }
+#else  /* MODEL_HYSTERESIS */
     if (!begin_gears(&g, s[PERIOD] / (real)samples_per_interval, s + l->now, space) ||
         !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
         return MODEL_RESULT_NOT_FINITE;
@@ -853,6 +905,7 @@ static inline int motors_in_interval(
         }
         lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
     }
+#endif /* MODEL_HYSTERESIS */
 #if MODEL_PARAMETERS > 0
     for (int i = 0; i < NG;
         ++i) { /* after a change of its damping the deflection of a gear may have to be integrated */

@@ -6,6 +6,9 @@
 
 #include "model_inversion.h"
 
+#if MODEL_HYSTERESIS
+#include "model_hysteresis.h"
+#endif /* MODEL_HYSTERESIS */
 #include "model_mesh.h"
 #include "model_motors.h"
 #include "model_reduced_problem.h"
@@ -193,9 +196,48 @@ typedef struct {
     points q_m[NM], v_m[NM], a_m[NM], tau_m[NM];
 } motor_points;
 
+#if MODEL_HYSTERESIS
+/* Deflections of the first `count` samples, of gears at rest with the deflections `first`; 0 where there are none. */
+static inline int hysteretic_rows(const gear_rows *g, real period, const real *first, ptrdiff_t count, real *space)
+{
+    branches b;
+    quintics q = {{{0.0}}};
+    points once[NG], twice[NG];
+    real right[NG][3] = {{0.0}};
+    if (!begin_branches(&b, period, first, space)) {
+        return 0;
+    }
+    for (ptrdiff_t at = 0; at < count; at += POINTS) {
+        for (int i = 0; i < NG; ++i) {
+            const real *tau = g->tau + i * g->apart + at;
+            EACH (l) {
+                store_v(&once[i][l], period * derivative_v(tau + l, period));
+                store_v(&twice[i][l], period * period * second_derivative_v(tau + l, period));
+            }
+        }
+        for (int l = 0; l < POINTS && at + l < count; ++l) {
+            for (int i = 0; i < NG; ++i) {
+                const real now[3] = {g->tau[i * g->apart + at + l], once[i][l], twice[i][l]};
+                set_quintic(&q, i, right[i], now);
+                copy(now, 3, right[i]);
+            }
+            if (at + l > 0 && !advance_branches(&b, &q, space)) {
+                return 0;
+            }
+            for (int i = 0; i < NG; ++i) {
+                g->lagged[i * g->apart + at + l] = b.p[i];
+            }
+        }
+    }
+    return 1;
+}
+#endif /* MODEL_HYSTERESIS */
 /* Add the motion of the deflections of samples `at` and following ones to that of the joints. */
 static inline int add_deflections(const gear_rows *g, const gears *state, ptrdiff_t at, motor_points *p, real *space)
 {
+#if MODEL_HYSTERESIS
+    points value[NG] = {{0.0}}, stiffness[NG] = {{0.0}}; /* not used: all rates are differences */
+#else                                                    /* MODEL_HYSTERESIS */
     points x[NG], value[NG], stiffness[NG];
     for (int i = 0; i < NG && state->slow; ++i) {
         copy(g->lagged + i * g->apart + at, POINTS, x[i]);
@@ -203,6 +245,7 @@ static inline int add_deflections(const gear_rows *g, const gears *state, ptrdif
     if (state->slow && evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != MODEL_OK) {
         return 0;
     }
+#endif                                                   /* MODEL_HYSTERESIS */
     for (int i = 0; i < NG; ++i) {
         EACH (l) {
             const real *deflection = g->lagged + i * g->apart + at + l, *tau = g->tau + i * g->apart + at + l;
@@ -733,7 +776,11 @@ static inline real kinematic_mismatch(const results *r)
     column_maxima of_v = {{0.0}, {0.0}}, of_q = {{0.0}, {0.0}}, of_motors = {{0.0}, {0.0}};
     add_column_maxima(r->v_a, r->a_a, NA, r->samples, sixty, &of_v);
     add_column_maxima(r->q_a, r->v_a, NA, r->samples, sixty, &of_q);
+#if MODEL_HYSTERESIS
+    (void)of_motors; /* where a gear reverses, the acceleration of its motor is not smooth */
+#else                /* MODEL_HYSTERESIS */
     add_column_maxima(r->v_m, r->a_m, NM, r->samples, sixty, &of_motors);
+#endif               /* MODEL_HYSTERESIS */
     for (int i = 0; i < NA; ++i) {
         most[0] = fmax_1(most[0], of_v.most[i]);
         off[0] = fmax_1(off[0], of_v.off[i]);
@@ -770,6 +817,22 @@ static inline int motors_at_samples(const results *r, real *space)
 {
     const gear_rows *g = &r->gear;
     const ptrdiff_t known = r->samples + BEYOND, lagged = r->samples + MARGIN;
+#if MODEL_HYSTERESIS
+    real tau[NG], first[NG] = {0.0}, stiffness[NG];
+    gears state;
+    motor_points p;
+    set_differences(&state, r->p->period);
+    hold_ends(g, g->tau, known);
+    for (int i = 0; i < NG; ++i) {
+        tau[i] = g->tau[i * g->apart];
+    }
+    if (!static_deflection(tau, first, stiffness, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    if (!hysteretic_rows(g, r->p->period, first, lagged, space)) {
+        return MODEL_NOT_CONVERGED;
+    }
+#else  /* MODEL_HYSTERESIS */
     real first[NG];
     gears state;
     motor_points p;
@@ -787,6 +850,7 @@ static inline int motors_at_samples(const results *r, real *space)
     if (!begin_gears(&state, r->p->period, first, space) || !lagged_rows(g, &state, lagged, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
+#endif /* MODEL_HYSTERESIS */
     hold_ends(g, g->lagged, lagged);
     for (ptrdiff_t at = 0; at < r->samples; at += POINTS) {
         const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
@@ -840,9 +904,16 @@ static inline int rest_at_samples(
     for (int i = 0; i < NG; ++i) {
         tau_g[i] = arm->tau_g[i][0];
     }
+#if MODEL_HYSTERESIS
+    (void)stiffness;
+    for (int i = 0; i < NG; ++i) { /* of the gears as they are: their torque depends on the motion */
+        deflection[i] = r->gear.lagged[i * r->gear.apart + first];
+    }
+#else  /* MODEL_HYSTERESIS */
     if (!static_deflection(tau_g, deflection, stiffness, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
+#endif /* MODEL_HYSTERESIS */
     for (int i = 0; i < NG; ++i) {
         joints[i] = q[i_g[i]] + deflection[i];
     }

@@ -18,6 +18,9 @@ from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.signatures import INVERSION, offered_functions
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import hysteretic_joints
+
+WITHOUT_HYSTERESIS = ("invert_limited", "invert_limited_work", "stream_limits")  # of gears without hysteresis alone
 
 _N = "n_pre + n + n_post"
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
@@ -341,6 +344,8 @@ def offered_c_functions(
         return kinematic
     offered = [f for f in C_FUNCTIONS if model.n_e or not f.elastic]
     offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
+    if hysteretic_joints(model):
+        offered = [f for f in offered if f.name not in WITHOUT_HYSTERESIS]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:
         return (*(function for function in offered if not function.parametrized), *kinematic)

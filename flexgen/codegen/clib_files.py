@@ -34,8 +34,8 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
-_FORCE = re.compile(
-    r"^#if MODEL_FORCE\n(.*?)(?:^#else +/\* MODEL_FORCE \*/\n(.*?))?^#endif +/\* MODEL_FORCE \*/\n",
+_SECTION = re.compile(
+    r"^#if MODEL_(FORCE|HYSTERESIS)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?^#endif +/\* MODEL_\1 \*/\n",
     re.DOTALL | re.MULTILINE,
 )
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
@@ -52,12 +52,14 @@ def read_clib() -> dict[str, str]:
     return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
 
 
-def render(text: str, name: str, precision: str = "double", force: bool = False) -> str:
+def render(text: str, name: str, precision: str = "double", force: bool = False, hysteresis: bool = False) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
-    ``force``: with the parts for forces on the output, which other libraries do not have.
+    ``force``, ``hysteresis``: with the parts for forces on the output, for gears with hysteresis, which other libraries
+    do not have.
     """
-    text = _FORCE.sub(lambda found: found[1] if force else found[2] or "", text)
+    with_part = {"FORCE": force, "HYSTERESIS": hysteresis}
+    text = _SECTION.sub(lambda found: found[2] if with_part[found[1]] else found[3] or "", text)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
     text = re.sub(r"\bMODEL_", f"{name.upper()}_", text)
     if precision == "double":
@@ -87,12 +89,20 @@ def kernel_files(name: str, precision: str) -> dict[str, str]:
     return {f"{name}_{new}": render(read_clib()[file], name) for file, new in sorted(chosen.items())}
 
 
+def is_hysteretic(spec: LibrarySpec) -> bool:
+    """Whether the library inverts a model some of whose gears have hysteresis."""
+    return spec.motor_constants is not None and any(spec.motor_constants.hysteresis_slip)
+
+
 def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
     """The private files of the inversion, by name; none where the library has no inversion."""
     if not spec.inverts or spec.motor_constants is None:
         return {}
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
-    texts = {name: render(read_clib()[name], spec.name, spec.precision, spec.force) for name in names}
+    names = [name for name in names if is_hysteretic(spec) or name != "hysteresis.h"]
+    texts = {
+        name: render(read_clib()[name], spec.name, spec.precision, spec.force, is_hysteretic(spec)) for name in names
+    }
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)
@@ -169,12 +179,12 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
     sizes = {**spec.sizes, "n_t": n_t + more}
-    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block)
+    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, is_hysteretic(spec))
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
         arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries + more * n_a
-    most = stream_operations(sizes, arithmetic, block)
+    most = stream_operations(sizes, arithmetic, block, is_hysteretic(spec))
 
     def linear(name: str, bound: Linear) -> str:
         arguments = "intervals, samples_per_interval"
@@ -282,10 +292,11 @@ def declare(spec: LibrarySpec, function: CFunction) -> str:
 
 def stack_bytes(spec: LibrarySpec) -> int:
     """Bytes of stack that a hand-written function needs at most."""
-    n_a, n_e, n_y = (spec.sizes.get(key, 0) for key in ("n_a", "n_e", "n_y"))
+    n_a, n_e, n_y, n_g = (spec.sizes.get(key, 0) for key in ("n_a", "n_e", "n_y", "n_g"))
     at_rest = n_a * (n_a + 4 * n_y + 3 * n_e + 16)
     zeros = 3 * n_e * (n_e + 1) + 40 * n_e  # of A, D, K at an end; or eight rows of a step
-    return -(-(8 * (at_rest + zeros) + 10_000) // 1024) * 1024
+    branches = is_hysteretic(spec) * (80 * (n_g + 8) + 16 * n_g)  # of gears with hysteresis: arrays of lanes
+    return -(-(8 * (at_rest + zeros + branches) + 10_000) // 1024) * 1024
 
 
 def _in_brackets(extent: str) -> str:
@@ -322,6 +333,11 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         body = ",\n".join(f"    {join(row)}" for row in A)
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
     text += f"static const real rotor_inertia[{nm}] = {join(constants.rotor_inertia)};\n"
+    if is_hysteretic(spec):
+        text += (
+            f"static const real hysteresis_stiffness[{ng}] = {join(constants.hysteresis_stiffness)}; /* arm side */\n"
+        )
+        text += f"static const real hysteresis_slip[{ng}] = {join(constants.hysteresis_slip)}; /* 0: none */\n"
     text += _for_growth(spec, written, join(constants.arm_side))
     used = [f for f in spec.functions if f.name in INVERSION]
     space = space_of(spec, written)

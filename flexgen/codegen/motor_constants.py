@@ -28,6 +28,8 @@ class MotorConstants:
     gears : tuple of str
         Names of the actuated coordinates, which name the gears.
     gear_is_rigid, gear_is_linear : tuple of bool
+    hysteresis_stiffness, hysteresis_slip : tuple of float
+        ``K_h`` and ``W`` of `flexgen.mechanics.hysteresis.GearHysteresis`, arm side; zero for gears without hysteresis.
     arm_side : tuple of float
         Of each position in the state of ``linearize``: 1, or the largest gear ratio of a motor behind elastic gears.
     pose : bool
@@ -44,18 +46,21 @@ class MotorConstants:
     gears: tuple[str, ...]
     gear_is_rigid: tuple[bool, ...]
     gear_is_linear: tuple[bool, ...]
+    hysteresis_stiffness: tuple[float, ...]
+    hysteresis_slip: tuple[float, ...]
     arm_side: tuple[float, ...]
     pose: bool
 
 
 def motor_constants(model: RobotModel) -> MotorConstants:
     """The `MotorConstants` of a model that can be inverted."""
-    from flexgen.mechanics.lagrangian import gears  # here, as it needs CasADi
+    from flexgen.mechanics.hysteresis import gear_hysteresis  # here, as these need CasADi
+    from flexgen.mechanics.lagrangian import gears
 
     def rows(A: np.ndarray) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(float(x) for x in row) for row in A)
 
-    made = gears(model)
+    made, law = gears(model), gear_hysteresis(model)
     return MotorConstants(
         i_g=model.i_g,
         i_e=model.i_e,
@@ -67,6 +72,8 @@ def motor_constants(model: RobotModel) -> MotorConstants:
         gears=tuple(model.coordinates[i].name for i in model.i_g),
         gear_is_rigid=tuple(gear.rigid for gear, _ in made),
         gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
+        hysteresis_stiffness=tuple(float(x) for x in law.stiffness),
+        hysteresis_slip=tuple(float(x) for x in law.slip),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         pose=model.output.type == "tool_pose",
     )

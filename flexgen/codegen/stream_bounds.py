@@ -20,6 +20,7 @@ CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 KINEMATIC_PASSES = 28  # evaluations of the output constraint while the kinematics are solved, at most
 INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
 SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
+BRANCH, BRANCH_PASSES, LOCATIONS = 4, 500, 9 * 60  # of gears with hysteresis: numbers kept; of one sample, at most
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
     return n_a, n_g, n_e, n_m, n_y, n_t
 
 
-def stream_size(sizes: Mapping[str, int], function_work: int, block: int) -> Linear:
+def stream_size(sizes: Mapping[str, int], function_work: int, block: int, hysteresis: bool = False) -> Linear:
     """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that it calls."""
     rounding = block - 1  # reals by which an array may be rounded up
     n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
@@ -78,7 +79,7 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int) -> Lin
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
     total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
-    total += Linear((BEFORE + AHEAD + 1) * n_m + rounding, 0, n_m)
+    total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + hysteresis * (BRANCH - 1) * n_g, 0, n_m)
     total += Linear(n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0)
     total += Linear(problem + lq * (n_e > 0) + function_work + block + 2 * rounding, 0, 0)
     if n_e:
@@ -89,7 +90,9 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int) -> Lin
     return total
 
 
-def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], block: int) -> Linear:
+def stream_operations(
+    sizes: Mapping[str, int], operations: Mapping[str, int], block: int, hysteresis: bool = False
+) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
 
     ``operations``: of one point of each function that the inversion calls, with `CALL` for every call of the kernel.
@@ -101,6 +104,10 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
     path = 600 + 40 * (n_t + 2 * n_y)  # one instant of the path, interpolated, its small rotations included
     motors = gear + friction + n_g * (8 * n_m + 60) + 8 * n_m
     spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
+
+    if hysteresis:  # lanes without gear too
+        lanes = -(-n_g // block) * block
+        radau = BRANCH_PASSES * (3 * operations["gear_law"] + (3 * (CALL + 30) + 110) * lanes) + LOCATIONS * 80 * lanes
 
     # the window of samples around the interval, in groups of points; a guess that fails is made again
     group = 2 * kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)

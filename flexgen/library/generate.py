@@ -40,7 +40,7 @@ from flexgen.library.directory import (
 )
 from flexgen.library.packaging import packaging
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import added_sources, refuse_hysteresis
+from flexgen.model.friction import added_sources
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
@@ -343,7 +343,6 @@ def _resolve(given: Any) -> tuple[RobotModel, Any]:
     if not derived and not isinstance(given, RobotModel):
         raise ArgumentError(f"model: given {type(given).__name__}, expected a name or path, a RobotModel or Equations")
     robot = given.model if derived else given
-    refuse_hysteresis(robot, "generate")
     return robot, given if derived else None
 
 

@@ -436,8 +436,8 @@ def function_obstacles(model: RobotModel) -> dict[str, str | None]:
         obstacles |= dict.fromkeys(("sensors", "sensor_derivatives"), f"model {model.name} has no sensors")
     obstacles |= dict.fromkeys(INVERSION, model.inversion_obstacle())
     if joints := hysteretic_joints(model):
-        reason = f"the gear of {joints[0]} has hysteresis, which only solve and simulate take into account"
-        obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED, *INVERSION), reason)
+        reason = f"the gear of {joints[0]} has hysteresis, whose torque depends on the motion before"
+        obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
     if not model.i_e:
         missing = f"model {model.name} has no coordinates without motor"
         obstacles["inversion_jacobians"] = obstacles["inversion_jacobians"] or missing

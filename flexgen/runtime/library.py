@@ -135,7 +135,7 @@ class Library:
     @property
     def invert_limited(self) -> LimitedInverter:
         """Inverse dynamics along whole paths within limits; ArgumentError where the library has none."""
-        found = self._inverter("invert_limited", f"{_INVERTS}, in double precision")
+        found = self._inverter("invert_limited", f"{_INVERTS}, in double precision, gears without hysteresis")
         assert isinstance(found, LimitedInverter)
         return found
 

@@ -44,7 +44,7 @@ class StreamEntries:
     start: Callable[..., int]
     start_moving: Callable[..., int]
     update: Callable[..., int]
-    limits: Callable[..., int]
+    limits: Callable[..., int] | None
     change: Callable[..., int] | None
     model_parameters: np.ndarray
     failures: Failures
@@ -326,9 +326,13 @@ class Stream:
         Raises
         ------
         ArgumentError
-            Where a limit is not positive, the horizon is too short, the stream has failed, or its library was closed.
+            Where a limit is not positive, the horizon is too short, the stream has failed, its library was closed, or
+            the model has gears with hysteresis.
         """
         self._entries.refuse_closed()
+        entry = self._entries.limits
+        if entry is None:
+            raise ArgumentError("stream: given limits, expected none where gears of the model have hysteresis")
         n_m = self._sizes["n_m"]
         both = [
             array_of("stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,), self._entries.real)
@@ -339,7 +343,7 @@ class Stream:
         try:
             real = REAL["double" if self._entries.real == np.float64 else "single"]
             most = real(number_of("stream", "deviation", deviation))
-            self._refuse(int(self._entries.limits(ctypes.byref(self._stream), *(pointer(x) for x in both), most)))
+            self._refuse(int(entry(ctypes.byref(self._stream), *(pointer(x) for x in both), most)))
         finally:
             self._lock.release()
 
@@ -414,11 +418,11 @@ def streams_of(
     parameters: np.ndarray,
 ) -> StreamEntries | None:
     """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
-    names = ("stream_work", "stream_start", "stream_start_moving", "stream_update", "stream_limits")
+    names = ("stream_work", "stream_start", "stream_start_moving", "stream_update")
     offered = {row["name"] for row in manifest.get("c_functions", ())}
     if not set(names) <= offered:
         return None
-    work, start, moving, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
+    work, start, moving, update = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
     change = found(f"{manifest['name']}_stream_parameters") if parameters.size else None
     return StreamEntries(
@@ -428,7 +432,7 @@ def streams_of(
         start,
         moving,
         update,
-        limits,
+        found(f"{manifest['name']}_stream_limits") if "stream_limits" in offered else None,
         change,
         parameters,
         failures,

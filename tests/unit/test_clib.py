@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from emitted import ROOT, _folder, run
+from hysteretic import hysteretic
 from toolchain import CC, needs_compiler, tool
 
 from flexgen.codegen.clib_files import SOLVERS, read_clib
@@ -28,25 +29,25 @@ PRIVATE_WORDS = re.compile(
 
 
 @cache
-def library(name: str) -> Path:
-    """The sources of a library; its files are the fixed ones with the name put in."""
-    folder = _folder() / f"{name}_clib"
-    for file, text in emit(library_spec(derive(name), parts=PARTS)).items():
+def library(name: str, lossy: bool = False) -> Path:
+    """The sources of a library, of gears with hysteresis where ``lossy``; its files are the fixed ones, renamed."""
+    folder = _folder() / f"{name}_clib{'_lossy' * lossy}"
+    for file, text in emit(library_spec(derive(hysteretic(name) if lossy else name), parts=PARTS)).items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_text(text, encoding="ascii")
     return folder
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
-def test_every_file_compiles_on_its_own(name):
-    folder, failed = library(name), []
+@pytest.mark.parametrize(("name", "lossy"), [("elbow", False), ("elbow", True), ("planar5_nmp", False)])
+def test_every_file_compiles_on_its_own(name, lossy):
+    folder, failed = library(name, lossy), []
     for file in ["inversion.c", *(file for file in FILES if file not in SOLVERS)]:
         path = folder / "src" / f"{name}_{file}"
         if file in MACROS:
             continue
-        if not path.exists():  # what only models with unactuated coordinates include, or arms with six motors
-            assert name == "elbow" or file == "inverse_kinematics.c", file
+        if not path.exists():  # of models with unactuated coordinates, arms with six motors, gears with hysteresis
+            assert name == "elbow" or file in ("inverse_kinematics.c", "hysteresis.h"), file
             continue
         words = [CC, "-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c", f"-I{folder}"]
         text = f'#include "{path}"\n' if path.suffix == ".h" else path.read_text(encoding="ascii")
