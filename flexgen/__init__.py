@@ -203,7 +203,7 @@ _NOUNS = {
     "LearningResult": "flexgen.performance.learn",
     "Library": "flexgen.runtime.library",
     "LimitedInverter": "flexgen.runtime.limited_inversion",
-    "Limits": "flexgen.inversion.bounds",
+    "Limits": "flexgen.mechanics.limits",
     "Linear": "flexgen.loop.controllers",
     "Load": "flexgen.performance.payload",
     "LoopAtPose": "flexgen.loop.margins",

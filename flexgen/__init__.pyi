@@ -42,7 +42,6 @@ from flexgen.identification.time_domain import refine as refine
 from flexgen.inverse_kinematics.forward import tracker_positions as tracker_positions
 from flexgen.inverse_kinematics.search import Configuration as Configuration
 from flexgen.inverse_kinematics.search import kinematics as kinematics
-from flexgen.inversion.bounds import Limits as Limits
 from flexgen.inversion.solution import Solution as Solution
 from flexgen.inversion.solve import solve as solve
 from flexgen.inversion.status import Status as Status
@@ -79,6 +78,7 @@ from flexgen.loop.result import ControlRun as ControlRun
 from flexgen.loop.result import PlantRun as PlantRun
 from flexgen.mechanics.equations import Equations as Equations
 from flexgen.mechanics.equations import derive as derive
+from flexgen.mechanics.limits import Limits as Limits
 from flexgen.mechanics.statics import Equilibrium as Equilibrium
 from flexgen.model.elements import RobotModel as RobotModel
 from flexgen.model.moves import Move as Move

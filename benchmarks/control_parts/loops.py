@@ -10,9 +10,9 @@ from control_parts.observers import ACCELEROMETER
 from control_parts.robots import PythonCascade
 
 import flexgen
-from flexgen.inversion.bounds import Limits
 from flexgen.loop.control import control_case, run_case
 from flexgen.loop.named_controllers import controller_of
+from flexgen.mechanics.limits import Limits
 
 SIZES = {"four_mass": 4, "planar5_nmp": 5, "manutec_r3_18": 18, "manutec_r3_24": 24}
 

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 import flexgen
-from flexgen.inversion.bounds import Limits
 from flexgen.loop.control import control_case, run_case
 from flexgen.loop.interface import Measurement, Reference
 from flexgen.loop.named_controllers import controller_of
+from flexgen.mechanics.limits import Limits
 
 SAMPLE_S = 1e-3
 Row = tuple[object, ...]

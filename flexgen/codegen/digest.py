@@ -24,18 +24,28 @@ NEWER = (
     "turns",
     "counterbalance",
     "hysteresis",
+    "Gear.torque_max",
+    "torque_rms_max",
+    "torque_rate_max",
+    "thermal_time",
+    "torque_speed",
+    "deflection_max",
+    "Tool.speed_max",
+    "Tool.acceleration_max",
 )  # left out where empty: digests from before there were these fields stay
 
 
 def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:
     """Text that determines the data: names and values of fields, exact numbers. Does not depend on ``__repr__``."""
     if is_dataclass(value):
+        kind = type(value).__name__
+        newer = {f.name for f in fields(value) if f.name in NEWER or f"{kind}.{f.name}" in NEWER}
         inner = (
             f"{f.name}={_canonical(getattr(value, f.name))}"
             for f in fields(value)
-            if f.compare and f.name not in without and not (f.name in NEWER and getattr(value, f.name) in (None, ()))
+            if f.compare and f.name not in without and not (f.name in newer and getattr(value, f.name) in (None, ()))
         )
-        return f"{type(value).__name__}({', '.join(inner)})"
+        return f"{kind}({', '.join(inner)})"
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_canonical, value))}]"
     if isinstance(value, dict):

@@ -288,6 +288,7 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
     data |= {"gravity": model.gravity, "motor_coupling": model.motor_coupling, "home_rad": model.home}
     data["base"] = write(PLACEMENT, model.base)
     data["tool"] = write(PLACEMENT, model.tool)
+    data["tool"] |= {x: v for x in ("speed_max", "acceleration_max") if (v := getattr(model.tool, x, None))}
     if model.payload.mass:
         data["payload"] = write(BODY, model.payload) | ({"inertia_reduced": True} if _reduced(model.payload) else {})
     data["output"] = output_table(model)

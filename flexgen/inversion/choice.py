@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from flexgen.errors import ArgumentError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_table import Method, find_method, methods
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import has_kinks
+from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import hysteretic_joints, refuse_hysteresis
 

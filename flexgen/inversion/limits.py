@@ -22,7 +22,6 @@ import numpy as np
 
 from flexgen.deadline import check_time
 from flexgen.errors import SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
@@ -30,6 +29,7 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.limits import Limits
 from flexgen.runtime.limited_inversion import LimitsInfeasibleError
 from flexgen.runtime.path_inversion import Inversion
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.paths.path import Path
 

@@ -13,6 +13,7 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.model.output_columns import columns_in, unit_of
 from flexgen.numerics.evaluate import evaluate
@@ -338,6 +339,12 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
             if limit is not None and largest > limit * (1 + slack):
                 what = "torque" if channel == "tau_m" else "speed"
                 out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
+    more = Limits().merged(robot).without("torque", "speed")
+    if more != Limits():
+        from flexgen.mechanics.limit_use import uses_of_limits
+
+        uses = uses_of_limits(robot, more, trajectory.__getitem__, trajectory.time)
+        out += [use.exceeded() for use in uses if use.part > 1 + slack]
     for i, coordinate in enumerate(robot.coordinates):
         dof = coordinate.dof
         if dof is None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from flexgen.deadline import check_time, running
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.choice import check_applies, default_method, further_methods
 from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
@@ -24,6 +23,7 @@ from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import hysteretic_joints
 from flexgen.model.output_columns import output_labels, output_units

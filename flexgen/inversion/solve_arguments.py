@@ -7,8 +7,8 @@ from numbers import Real
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_table import AUTO, find_method
+from flexgen.mechanics.limits import Limits
 
 
 def check_arguments(

@@ -43,9 +43,14 @@ class Placement:
 
 @dataclass(frozen=True)
 class Tool(Placement):
-    """The pose of a tool frame from the tip of a stated element."""
+    """The pose of a tool frame from the tip of ``element``; empty: that of the last one.
+
+    Limits ``speed_max`` [m/s] and ``acceleration_max`` [m/s^2] of its origin; None: no limit.
+    """
 
     element: str = ""
+    speed_max: float | None = None
+    acceleration_max: float | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,8 @@ class Gear:
     spring: Spring | None = None  # None for a rigid gear
     damping: float = 0.0  # in parallel with the spring [N m s/rad or N s/m]
     hysteresis: Hysteresis | None = None
+    torque_max: float | None = None  # at the joint [N m or N], and over the motion in the root mean square
+    torque_rms_max: float | None = None
 
     @property
     def type(self) -> str:
@@ -123,8 +130,8 @@ class Dof:
     factor) of coordinates, ``q = sum factor q_name``: a mechanism, whose moments act on those. ``friction``: arm side.
     ``counterbalance``: pairs (s_k, c_k) [N m] of the torque ``sum_k s_k sin(k q) + c_k cos(k q)``, k = 1, 2, ..., that
     acts on a rotation, as of a gas spring or a weight between it and the element before.
-    ``lower``, ``upper`` [rad or m] and ``speed_max`` [rad/s or m/s] and ``acceleration_max`` are limits; None: no
-    limit.
+    ``lower``, ``upper`` [rad or m], ``speed_max`` [rad/s or m/s], ``acceleration_max``, and ``deflection_max`` [rad or
+    m] of a spring are limits; None: no limit.
     """
 
     name: str
@@ -138,6 +145,7 @@ class Dof:
     upper: float | None = None
     speed_max: float | None = None
     acceleration_max: float | None = None
+    deflection_max: float | None = None
     counterbalance: tuple[tuple[float, float], ...] = ()
     mimic: tuple[tuple[str, float], ...] = ()
 
@@ -207,7 +215,10 @@ class Motor:
 
     A motor that drives several joints (a coupled wrist) gives a row with several entries of the ratio matrix ``eta``.
     ``axis`` (unit, in the frame of the element ``carrier``, or of the base for ``"base"``) is used by the complete
-    model only. Limits ``torque_max`` [N m] and ``speed_max`` [rad/s] are on the motor side; None: no limit.
+    model only. Limits, on the motor side, None where there is none: ``torque_max`` [N m], ``speed_max`` [rad/s],
+    ``torque_rate_max`` [N m/s], ``torque_rms_max`` [N m], the root mean square with the time constant ``thermal_time``
+    [s] of the winding (None: over the whole motion), and ``torque_speed``, points (speed [rad/s], torque [N m]) of the
+    largest torque over the speed.
     """
 
     name: str
@@ -219,6 +230,10 @@ class Motor:
     carrier: str | None = None
     torque_max: float | None = None
     speed_max: float | None = None
+    torque_rate_max: float | None = None
+    torque_rms_max: float | None = None
+    thermal_time: float | None = None
+    torque_speed: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -343,7 +358,7 @@ class RobotModel:
     @property
     def tip(self) -> str:
         """Name of the element that carries the tool and the payload."""
-        return self.tool.element if isinstance(self.tool, Tool) else self.elements[-1].name
+        return (self.tool.element if isinstance(self.tool, Tool) else "") or self.elements[-1].name
 
     @property
     def branched(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 from flexgen.model import format_robot as robot
 from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placement, Tool, Vector
@@ -36,15 +37,20 @@ from flexgen.spec.schema import table_schema
 from flexgen.spec.tables import IDENTIFIER, Table
 
 
-def _tool(position: Vector, rotation: Matrix, rpy: Matrix | None, element: str) -> Placement:
+def _tool(position: Vector, rotation: Matrix, rpy: Matrix | None, **more: Any) -> Placement:
     pose = position, rotation if rpy is None else rpy
-    return Tool(*pose, element) if element else Placement(*pose)
+    return Tool(*pose, **more) if any(more.values()) else Placement(*pose)
 
 
 _CARRIER = "the element that carries tool and payload; default: the last one"
 _TOOL = Format(
     "tool frame, from the tip of the element that carries it",
-    (*robot.PLACEMENT.keys, Key("element", known(lambda here: [*here.names["element"]]), _CARRIER, default="")),
+    (
+        *robot.PLACEMENT.keys,
+        Key("element", known(lambda here: [*here.names["element"]]), _CARRIER, default=""),
+        Key("speed_max", number(above=0.0), "limit of the speed of its origin", "m/s", None),
+        Key("acceleration_max", number(above=0.0), "limit of the acceleration of its origin", "m/s^2", None),
+    ),
     make=_tool,
 )
 

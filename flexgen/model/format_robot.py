@@ -271,7 +271,11 @@ HYSTERESIS = Format(
     make=Hysteresis,
     definition="hysteresis",
 )
-_RIGID = Format("no elasticity", (), lambda type: Gear(rigid=True))
+_PEAKS = (
+    Key("torque_max", number(above=0.0), "limit of the torque, at the joint", "N m or N", None),
+    Key("torque_rms_max", number(above=0.0), "limit of its root mean square over a motion", "N m or N", None),
+)
+_RIGID = Format("no elasticity", _PEAKS, lambda type, **values: Gear(True, **values))
 _ELASTIC = Format(
     "a spring between motor and joint",
     (
@@ -279,6 +283,7 @@ _ELASTIC = Format(
         Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
         DAMPING,
         Key("hysteresis", sub(HYSTERESIS), "hysteresis in parallel with the spring; default: none", default=None),
+        *_PEAKS,
     ),
     make=lambda type, **values: Gear(False, **values),
 )
@@ -329,6 +334,8 @@ def _check_dof(table: Table, here: Context) -> None:
         raise table.fail(ways[1], _WAYS, f"both a {ways[1]} and a {ways[0]}")
     if not ways:
         raise table.fail("gear", _WAYS)
+    if "deflection_max" in table and "spring" not in table:
+        raise table.fail("deflection_max", "a spring whose deflection it limits")
     if "gear" in table and "damping" in table:
         raise table.fail("damping", "the key damping inside the gear", "damping in addition to a gear")
 
@@ -342,6 +349,7 @@ FRICTION = Key("friction", sub(friction), "friction on the arm side", default=NO
 RATES = (
     Key("speed_max", number(above=0.0), "limit of the speed", "rad/s or m/s", None),
     Key("acceleration_max", number(above=0.0), "limit of the acceleration", "rad/s^2 or m/s^2", None),
+    Key("deflection_max", number(above=0.0), "limit of the deflection of a spring", "rad or m", None),
 )
 BALANCE = Key("counterbalance", sub(COUNTERBALANCE), "torque by the angle", default=())
 

@@ -26,10 +26,10 @@ import numpy as np
 
 from flexgen.deadline import OutOfTime, running
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution, format_size
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive, robot_of
+from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import refuse_hysteresis
 from flexgen.model.output_columns import unit_of

@@ -13,12 +13,12 @@ from scipy.optimize import linprog
 
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, FlexgenError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import Solution
 from flexgen.loop.reference import trajectory_of
+from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Move
 from flexgen.paths.path import Path
 from flexgen.paths.time_laws import SplineLaw, TimeLaw

@@ -24,9 +24,9 @@ import numpy as np
 
 from flexgen.deadline import running
 from flexgen.errors import ArgumentError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.quasistatic import targets
 from flexgen.model.elements import Move, RobotModel

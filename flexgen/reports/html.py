@@ -15,12 +15,12 @@ from flexgen.analysis.analyze import Analysis, analyze
 from flexgen.analysis.zeros import ON_AXIS
 from flexgen.atomic_files import write_text
 from flexgen.errors import SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.comparison import error_rows
 from flexgen.inversion.solution import Figure, Solution
 from flexgen.inversion.status import Status
 from flexgen.loop.comparison import Comparison
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.paths.accuracy import PathAccuracy
 from flexgen.plots import solution as plots

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from flexgen.analysis.analyze import Analysis
 from flexgen.analysis.zeros_along_path import zero_path
 from flexgen.errors import SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.limits import Limits
 from flexgen.paths.path import Path
 from flexgen.plots import along_path
 from flexgen.plots import solution as plots

@@ -18,8 +18,8 @@ import flexgen
 from flexgen.codegen import clib_files
 from flexgen.codegen.path_header import path_header
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.reduced_problem import Reduction
+from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.paths.path import plan
 from flexgen.runtime.library import Library, load

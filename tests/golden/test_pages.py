@@ -31,9 +31,9 @@ from matplotlib.figure import Figure
 import flexgen
 from flexgen import display
 from flexgen.identification.result import FitStatus
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
+from flexgen.mechanics.limits import Limits
 from flexgen.paths.accuracy import PathAccuracy
 from flexgen.plots.canvas import apply_style
 from flexgen.reports import (

@@ -12,8 +12,8 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.limits import Limits
 from flexgen.paths import path as paths
 from flexgen.paths.time_laws import SplineLaw
 from flexgen.performance import time_search

@@ -15,9 +15,9 @@ from shipped_models import shipped
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.statics import reach
 from flexgen.model.elements import Move, Output
 from flexgen.model.reader import model_names, read

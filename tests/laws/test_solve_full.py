@@ -8,8 +8,8 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.status import Status
+from flexgen.mechanics.limits import Limits
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.simulate import simulate

@@ -29,6 +29,8 @@ rotation = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 [tool]
 position = [0.1, 0, 0]
 rpy_deg = [0, 0, 90]
+speed_max = 1
+acceleration_max = 9
 [payload]
 mass = 1
 com = [0, 0, 0.1]
@@ -118,9 +120,9 @@ def everything(folder: Path) -> Path:
     for k in range(6):
         lossy = ", hysteresis = { lost_motion = 1e-4, stiffness = 1e5 }" if k == 0 else ""
         gear = (
-            f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1{lossy} }}'
+            f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1{lossy}, torque_max = 9 }}'
             if k < 5
-            else '{ type = "rigid" }'
+            else '{ type = "rigid", torque_rms_max = 9 }'
         )
         kind = "rotation" if k < 5 else "translation"
         text += f'[[element]]\nname = "e{k}"\nbody = {{ mass = 2, inertia = [1, 1, 1] }}\n'
@@ -130,12 +132,13 @@ def everything(folder: Path) -> Path:
     for k, spring in enumerate(SPRINGS):
         kind = "translation" if k == 0 else "rotation"
         text += f'[[element]]\nname = "s{k}"\nbody = {{ mass = 2 }}\n[[element.dof]]\nname = "p{k}"\n'
-        text += f'type = "{kind}"\naxis = [1, 0, 0]\nspring = {spring}\ndamping = 1\n'
+        text += f'type = "{kind}"\naxis = [1, 0, 0]\nspring = {spring}\ndamping = 1\ndeflection_max = 1\n'
     text += '[[element]]\nname = "b"\n[element.beam]\nlength = 1\nmass_per_length = 2\n'
     text += '[[element.beam.bending]]\ndirection = "y"\nstiffness = 100\nmodes = 1\n'
     for k in range(6):
         text += f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-3\n'
         text += 'axis = [0, 0, 1]\ncarrier = "base"\n'
+        text += "torque_rate_max = 9e3\ntorque_rms_max = 9\nthermal_time = 60\ntorque_speed = [[0, 9], [300, 5]]\n"
     path = folder / "everything.toml"
     path.write_text(EVERYTHING.format(elements=text))
     return path

@@ -10,11 +10,11 @@ from scipy.interpolate import BPoly
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.methods import full_model
 from flexgen.inversion.methods.full_model import bernstein_rows, collocate_full
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
+from flexgen.mechanics.limits import Limits
 from flexgen.model.reader import read
 from flexgen.numerics.tableaus import Tableau, gauss
 from flexgen.paths.path import Path

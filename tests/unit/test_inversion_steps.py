@@ -12,12 +12,12 @@ import pytest
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion import choice, comparison, solve, verification
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_table import find_method
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.limits import Limits
 from flexgen.simulation.result import Simulation
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory

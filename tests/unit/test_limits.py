@@ -14,9 +14,9 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import SolverError
 from flexgen.inversion import limits
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
+from flexgen.mechanics.limits import Limits
 from flexgen.numerics.evaluate import evaluate
 from flexgen.runtime.limited_inversion import LimitsInfeasibleError
 

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw

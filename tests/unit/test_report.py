@@ -19,8 +19,8 @@ from unchecked import unchecked
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.status import Status
+from flexgen.mechanics.limits import Limits
 from flexgen.plots import canvas
 from flexgen.plots import solution as figures_of
 from flexgen.reports.html import write_report

@@ -86,12 +86,12 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
 
 def fastest(args: Namespace, log: Progress) -> VerbResult:
     """Find the fastest time law of a move within the limits, by exact inverse dynamics; solve and verify it."""
-    from flexgen.inversion.bounds import Limits
+    from flexgen.mechanics.limits import Limits
     from flexgen.performance.minimum_time import fastest as search
 
     model = read_model(args)
     own = {"torque": args.torque, "speed": args.speed}
-    numbers = {key: list(x) if len(x) > 1 else x[0] for key, x in own.items() if x is not None}
+    numbers: dict[str, Any] = {key: list(x) if len(x) > 1 else x[0] for key, x in own.items() if x is not None}
     limits = Limits.from_model(model, **numbers) if numbers else None
     found = search(model, limits=limits, **keywords(args), progress=throttle(log))
     solved = found.solution.status.value in ("solved", "limits exceeded")

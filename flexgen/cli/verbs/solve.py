@@ -92,9 +92,9 @@ def _solve_one(
     log: Progress,
 ) -> VerbResult:
     """Solve one move; write trajectory and report to the two paths, where given."""
-    from flexgen.inversion.bounds import Limits
     from flexgen.inversion.problem_text import problem_of
     from flexgen.inversion.solve import solve as solve_move
+    from flexgen.mechanics.limits import Limits
     from flexgen.reports.texts import solution_details
 
     out, report = outputs

@@ -26,13 +26,13 @@ import scipy.sparse as sp
 from scipy.interpolate import CubicSpline
 
 from flexgen.errors import SolverError
-from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.motor_side import MotorMotion, gear_torques
 from flexgen.inversion.problem import ACCELERATION, InversionProblem
 from flexgen.inversion.reduced_problem import Motion, Reduction
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import equilibrium_at, reach
 from flexgen.model.elements import RobotModel

@@ -1,0 +1,248 @@
+"""Limits: bounds on torques, speeds, deflections and the tool that a solution has to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.counts import show_value
+from flexgen.display import short_repr
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations, robot_of
+from flexgen.model.elements import RobotModel, Tool
+from flexgen.spec.arguments import is_number, is_whole
+from flexgen.type_checks import checked_class
+
+MOST = 10_000  # motors, and non-actuated coordinates
+Points = tuple[tuple[float, float], ...]
+# Sequences of bounds, and for each of what there is one.
+EACH = {
+    "torque": "motor",
+    "speed": "motor",
+    "deflection": "non-actuated coordinate",
+    "torque_rate": "motor",
+    "torque_rms": "motor",
+    "thermal_time": "motor",
+    "gear_torque": "gear",
+    "gear_torque_rms": "gear",
+    "joint_speed": "gear",
+    "joint_acceleration": "gear",
+}
+KEPT = ("torque", "speed", "deflection")  # by the methods of `solve` that keep limits
+
+
+@checked_class
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on torques, speeds, deflections and the tool; None: no bounds of that kind.
+
+    `from_model` reads them from the model file, or makes them from one number for all motors. `solve` keeps ``torque``,
+    ``speed`` and ``deflection``, and states which of the others its solution exceeds; `fastest` keeps all of them.
+
+    Attributes
+    ----------
+    torque, speed : tuple of float [N m], [rad/s]
+        One entry for each motor, motor side.
+    deflection : tuple of float [rad or m]
+        One entry for each non-actuated coordinate, in chain order.
+    torque_rate : tuple of float [N m/s]
+        Of each motor's torque.
+    torque_rms, thermal_time : tuple of float [N m], [s]
+        Root mean square of each motor's torque: of its square filtered with the time constant, from 0 at the start; an
+        infinite one: over the whole motion.
+    torque_speed : tuple of tuples of (float, float) [rad/s, N m]
+        For each motor points of the largest torque over the speed; empty: no curve.
+    gear_torque, gear_torque_rms : tuple of float [N m or N]
+        Of each gear at its joint: largest torque, and root mean square over the motion.
+    joint_speed, joint_acceleration : tuple of float [rad/s or m/s, rad/s^2 or m/s^2]
+        Of each actuated coordinate.
+    tool_speed, tool_acceleration : float [m/s], [m/s^2]
+        Of the tool's origin.
+    reserve : float
+        Part of the torques, the torque curves and the gear torques that is left for feedback, 0 to below 1.
+
+    Examples
+    --------
+    >>> flexgen.Limits.from_model("elbow", torque=20.0)
+    Limits(torque=(20.0, 20.0))
+    >>> flexgen.Limits(torque_rate=(500.0, 400.0), tool_speed=1.5, reserve=0.1)  # N m/s, m/s
+    Limits(torque_rate=(500.0, 400.0), tool_speed=1.5, reserve=0.1)
+    """
+
+    torque: tuple[float, ...] | None = None
+    speed: tuple[float, ...] | None = None
+    deflection: tuple[float, ...] | None = None
+    torque_rate: tuple[float, ...] | None = None
+    torque_rms: tuple[float, ...] | None = None
+    thermal_time: tuple[float, ...] | None = None
+    torque_speed: tuple[Points, ...] | None = None
+    gear_torque: tuple[float, ...] | None = None
+    gear_torque_rms: tuple[float, ...] | None = None
+    joint_speed: tuple[float, ...] | None = None
+    joint_acceleration: tuple[float, ...] | None = None
+    tool_speed: float | None = None
+    tool_acceleration: float | None = None
+    reserve: float = 0.0
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        for name, each in EACH.items():
+            values = getattr(self, name)
+            if values is not None and not _are_numbers(values):
+                raise ArgumentError(
+                    f"limits: given {name} {show_value(values)}, expected a sequence of numbers, one for each {each}"
+                )
+        for name, unit in (("tool_speed", "m/s"), ("tool_acceleration", "m/s^2")):
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and value > 0):
+                raise ArgumentError(f"limits: given {name} {show_value(value)}, expected a number > 0 in {unit}")
+        if not (is_number(self.reserve) and 0.0 <= self.reserve < 1.0):
+            raise ArgumentError(
+                f"limits: given reserve {show_value(self.reserve)}, expected a number from 0 to below 1"
+            )
+        for curve in self.torque_speed or ():
+            _check_curve(curve)
+
+    @classmethod
+    def from_model(
+        cls,
+        model: str | Path | RobotModel | Equations,
+        *,
+        torque: float | Sequence[float] | None = None,
+        speed: float | Sequence[float] | None = None,
+        deflection: float | Sequence[float] | None = None,
+        reserve: float = 0.0,
+    ) -> Limits:
+        """The limits of motors, gears, springs and tool in the model file; with bounds given here, these alone.
+
+        Those of the speed and the acceleration of joints are not among them: they bound planned paths.
+
+        Parameters
+        ----------
+        model : name, path, RobotModel or Equations
+        torque, speed : float or sequence of float, optional [N m], [rad/s]
+            Motor side; one number for all motors, or one for each.
+        deflection : float or sequence of float, optional [rad or m]
+            One number for all non-actuated coordinates, or one for each.
+        reserve : float
+            Part of the torques that is left for feedback.
+
+        Returns
+        -------
+        Limits
+
+        Raises
+        ------
+        ArgumentError
+            The model file states none; a bound is not positive, or their number does not fit the model.
+        """
+        robot = robot_of(model)
+        sizes = {"torque": robot.n_m, "speed": robot.n_m, "deflection": robot.n_e}
+        given = {"torque": torque, "speed": speed, "deflection": deflection}
+        if all(values is None for values in given.values()):
+            found = _of_model(robot)
+            if found == cls():
+                raise ArgumentError(
+                    f"limits: model {robot.name} states none, expected torque_max or speed_max of a motor; add them to "
+                    "the model file"
+                )
+            every = (found.torque, found.speed)
+            inf = (np.inf,) * robot.n_m
+            torque, speed = (inf if values is None else values for values in every)
+            return replace(found, torque=torque, speed=speed, reserve=reserve)
+        out: dict[str, Any] = {}
+        for name, values in given.items():
+            if values is not None:
+                each: Any = (values,) * sizes[name] if isinstance(values, Real) else values
+                out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))
+        return cls(**out, reserve=reserve)
+
+    def merged(self, robot: RobotModel) -> Limits:
+        """These limits, and those of the model file of the kinds that have no bounds here."""
+        own = _of_model(robot)
+        more = {one.name: getattr(own, one.name) for one in fields(self) if getattr(self, one.name) is None}
+        return replace(self, **more)
+
+    def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of torque, less the reserve, and speed (n_m,), infinite where there is none.
+
+        ArgumentError where the sizes differ.
+        """
+        torque = _bounds("torque", self.torque, n_m)
+        return torque * (1.0 - self.reserve) if self.reserve else torque, _bounds("speed", self.speed, n_m)
+
+    def deflections(self, n_e: int) -> np.ndarray:
+        """Bounds of the non-actuated coordinates (n_e,), infinite where there is none."""
+        return _bounds("deflection", self.deflection, n_e)
+
+    def bounds(self, name: str, size: int) -> np.ndarray:
+        """Bounds of one kind (size,), infinite where there is none; ArgumentError where the sizes differ."""
+        return _bounds(name, getattr(self, name), size)
+
+    def without(self, *names: str) -> Limits:
+        """These limits without the named kinds."""
+        none: dict[str, Any] = dict.fromkeys(names)
+        return replace(self, **none)
+
+
+def _of_model(robot: RobotModel) -> Limits:
+    """All limits of a model file but those of the joints."""
+
+    def known(parts: Sequence[Any], name: str) -> Any:
+        values = [getattr(part, name, None) for part in parts]
+        return None if all(x is None for x in values) else tuple(np.inf if x is None else float(x) for x in values)
+
+    gears = [c.dof.gear for c in robot.coordinates if c.dof is not None and c.dof.gear is not None]
+    springs = [robot.coordinates[i].dof for i in robot.i_e]
+    curves = tuple(motor.torque_speed for motor in robot.motors)
+    tool = robot.tool if isinstance(robot.tool, Tool) else Tool()
+    motors = {name: known(robot.motors, f"{name}_max") for name in ("torque", "speed", "torque_rate", "torque_rms")}
+    return Limits(
+        **motors,
+        deflection=known(springs, "deflection_max"),
+        thermal_time=known(robot.motors, "thermal_time"),
+        torque_speed=curves if any(curves) else None,
+        gear_torque=known(gears, "torque_max"),
+        gear_torque_rms=known(gears, "torque_rms_max"),
+        tool_speed=tool.speed_max,
+        tool_acceleration=tool.acceleration_max,
+    )
+
+
+def _are_numbers(values: Any) -> bool:
+    """Whether the values are a sequence or an array of real numbers; their signs and their number are free."""
+    if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray) or np.ndim(values) != 1:
+        return False
+    return all(isinstance(x, Real) and not isinstance(x, bool | np.bool_) for x in values)
+
+
+def _check_curve(curve: Any) -> None:
+    """ArgumentError where points are not those of a torque that falls over the speed, faster and faster."""
+    from flexgen.model.format_devices import TORQUE_SPEED, is_torque_speed
+
+    try:
+        points = np.array(curve, dtype=float)
+    except (TypeError, ValueError):
+        points = np.array(np.nan)
+    if points.size and not is_torque_speed(points):
+        raise ArgumentError(f"limits: given torque_speed {show_value(curve)}, expected {TORQUE_SPEED}")
+
+
+def _bounds(name: str, values: Sequence[float] | None, size: int) -> np.ndarray:
+    if not is_whole(size, 0, MOST):
+        raise ArgumentError(f"limits, number of {name} bounds: given {show_value(size)}, expected 0 to {MOST}")
+    if values is None:
+        return np.full(size, np.inf)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape != (size,) or not (array > 0).all():
+        raise ArgumentError(f"limits: given {name} {values}, expected {size} positive numbers")
+    return array
