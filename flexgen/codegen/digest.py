@@ -32,6 +32,7 @@ NEWER = (
     "deflection_max",
     "Tool.speed_max",
     "Tool.acceleration_max",
+    "Program.laws",
 )  # left out where empty: digests from before there were these fields stay
 
 

@@ -22,6 +22,7 @@ def problem_of(solution: Solution, accuracy: float) -> str:
     if solution.status != Status.LIMITS_EXCEEDED:
         return ""
     lines = limit_warnings(solution.model, solution.trajectory)
+    lines = lines or tuple(text for text in solution.warnings if "exceeds its limit" in text)
     more = f", and {len(lines) - 1} more (see the warnings)" if len(lines) > 1 else ""
     slower = ["exceeds its limit" in line for line in lines]  # not a range: more time helps
     advice = [] if all(slower) else ["choose another target or path: more time does not help beyond a range"]

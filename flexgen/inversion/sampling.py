@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from flexgen.runtime.path_inversion import Inversion
 
 SAMPLES = 900_000  # at most
+SAMPLED = 4  # samples of a torque an interval of the first mesh
 COARSEST, PER_INTERVAL = 1e-2, 8  # s: the longest interval; samples of each with a force, under which motors reverse
 
 
@@ -26,9 +27,10 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     duration = problem.path.duration
     before, after = problem.windows
     refined = min(h / COARSEST, 1.0)
-    if problem.mesh is None and problem.limits is None:
-        h = min(h, max(problem.resolving, problem.step))
     step = problem.step
+    if problem.mesh is None and problem.limits is None:
+        step = min(step, h / SAMPLED)  # on a finer mesh after the first one the torques are sampled more often too
+        h = min(h, max(problem.resolving, problem.step))
     if problem.force is not None:
         if problem.mesh is None:  # finer with the mesh that is asked for
             h = min(h, problem.force.resolving * refined)
@@ -62,7 +64,7 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
 
 def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Output (n, n_t) and its first two time derivatives (n, n_y) at n samples of a path."""
-    sample = path.sample(np.arange(n) * period)
+    sample = path.sample_orders(np.arange(n) * period, 3)
     return tuple(
         np.ascontiguousarray(x) for x in (reduction.targets(sample), sample.derivative(1), sample.derivative(2))
     )  # type: ignore[return-value]

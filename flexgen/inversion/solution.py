@@ -339,12 +339,7 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
             if limit is not None and largest > limit * (1 + slack):
                 what = "torque" if channel == "tau_m" else "speed"
                 out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
-    more = Limits().merged(robot).without("torque", "speed")
-    if more != Limits():
-        from flexgen.mechanics.limit_use import uses_of_limits
-
-        uses = uses_of_limits(robot, more, trajectory.__getitem__, trajectory.time)
-        out += [use.exceeded() for use in uses if use.part > 1 + slack]
+    out += exceeded_limits(robot, Limits().merged(robot).without("torque", "speed"), trajectory, slack)
     for i, coordinate in enumerate(robot.coordinates):
         dof = coordinate.dof
         if dof is None:
@@ -361,6 +356,16 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
                     f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its limit {limit:.4g} {unit}"
                 )
     return tuple(out)
+
+
+def exceeded_limits(robot: RobotModel, limits: Limits, trajectory: Trajectory, slack: float = 1e-3) -> tuple[str, ...]:
+    """Which of some limits the trajectory exceeds, by more than the relative ``slack``."""
+    if limits.without("thermal_time") == Limits(reserve=limits.reserve):
+        return ()
+    from flexgen.mechanics.limit_use import uses_of_limits
+
+    uses = uses_of_limits(robot, limits, trajectory.__getitem__, trajectory.time)
+    return tuple(use.exceeded() for use in uses if use.part > 1 + slack)
 
 
 def has_kinks(robot: RobotModel) -> bool:

@@ -18,12 +18,12 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
 from flexgen.inversion.problem import ACCURACY, HELD, INTERVALS, InversionProblem
 from flexgen.inversion.reached import BestSolution, stage_of
-from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows
+from flexgen.inversion.solution import Solution, exceeded_limits, limit_warnings, relative_residual, residual_rows
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.limits import KEPT, Limits
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import hysteretic_joints
 from flexgen.model.output_columns import output_labels, output_units
@@ -40,6 +40,7 @@ from flexgen.type_checks import checked_types
 
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
 ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
+RETRIES = 1  # more, where only the residual between the samples is too large
 ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
@@ -135,15 +136,22 @@ def solve(
         try:
             problem = _problem(model, move, fixed_joint, fastest, given)
             solution = with_hold(problem, _find_solution(problem, method, reached), controller)
-            solution = _within_limits(solution, ignore_limits or fastest)
+            solution = _within_limits(solution, problem.limits, ignore_limits or fastest)
         except (Exception, KeyboardInterrupt) as error:
             solution = reached.finish(stage_of(error, deadline.interrupted), time_limit)
     solution = replace(solution, warnings=(*solution.warnings, *without_effect(solution.method, preview, mesh)))
     return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
 
 
-def _within_limits(solution: Solution, ignore: bool) -> Solution:
-    """The solution, "limits exceeded" where it is solved beyond limits of the model file that are not ignored."""
+def _within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Solution:
+    """The solution, "limits exceeded" where it is solved beyond limits of the model file that are not ignored.
+
+    Or beyond those of the ``given`` limits that the methods do not keep.
+    """
+    more = () if given is None else exceeded_limits(solution.model, given.without(*KEPT), solution.trajectory)
+    solution = replace(solution, warnings=tuple(dict.fromkeys((*solution.warnings, *more))))
+    if more and solution.status in (Status.SOLVED, Status.LIMITS_ACTIVE):
+        return replace(solution, status=Status.LIMITS_EXCEEDED)
     if ignore or solution.status != Status.SOLVED or not limit_warnings(solution.model, solution.trajectory):
         return solution
     return replace(solution, status=Status.LIMITS_EXCEEDED)
@@ -294,9 +302,11 @@ def _refine(
     duration = problem.path.duration
     h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if problem.mesh is None else float(problem.mesh)
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
-    best, least = None, np.inf
-    for attempt in range(attempts):
-        last = attempt + 1 == attempts
+    best, least, hidden = None, np.inf, False
+    for attempt in range(attempts + (RETRIES if attempts > 1 else 0)):
+        last = attempt + 1 >= attempts
+        if attempt >= attempts and not hidden:
+            break
         check_time(f"method {method.name}, intervals of {h / 2**attempt:.3g} s")
         try:
             solution = make_solution(problem, method.name, run_method(method, problem, h / 2**attempt))
@@ -312,6 +322,10 @@ def _refine(
             if last or residual_is_small(solution):
                 _check_residual(solution)
                 return solution
+            problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
+            continue
+        doubtful = hidden or len(problem.path.segments) > 1  # the simulation of a program takes seconds
+        if doubtful and not residual_is_small(solution) and attempt + (not hidden) < attempts:
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
         checked = verify_by_simulation(problem, solution)
@@ -334,7 +348,8 @@ def _refine(
         if best is None or worst < least:  # on a finer mesh rounding may be larger
             details = {**solution.details, "missed": _refusal(problem, worst, simulation.energy_error)}
             best, least = replace(solution, status=Status.TOLERANCE_NOT_MET, details=details), worst
-        if not last:
+        hidden = worst <= problem.accuracy and simulation.energy_error <= ENERGY
+        if not last or (hidden and attempt < attempts):
             problem.log(f"{_refusal(problem, worst, simulation.energy_error)}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
     return best
@@ -385,7 +400,7 @@ def _check_residual(solution: Solution) -> None:
 
 def _trajectory(problem: InversionProblem, method: str, result: MethodResult) -> Trajectory:
     path, robot, t, d = problem.path, problem.equations.model, result.t, result.motors
-    sample = path.sample(t)
+    sample = path.sample_orders(t, 2)
     names_a = tuple(c.name for c in robot.coordinates)
     names_m = tuple(m.name for m in robot.motors)
     names_g = tuple(names_a[i] for i in robot.i_g)

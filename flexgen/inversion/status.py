@@ -29,7 +29,8 @@ class Status(ExplainedStatus):
     )
     LIMITS_EXCEEDED = (
         "limits exceeded",
-        "The equations of motion hold and the verification found no error, but limits of the model file are exceeded.",
+        "The equations of motion hold and the verification found no error, but limits of the model file or given ones "
+        "are exceeded.",
         "The robot cannot do this move. Beyond the range of a coordinate: choose another target or path. Beyond a "
         "torque, speed or acceleration: give it more time, or keep the limits with --limits. For studies use "
         "--ignore-limits.",

@@ -12,15 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.signal import lfilter
 
-from flexgen.mechanics.equations import derive
+from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 
+ToolMotion = tuple[np.ndarray, np.ndarray]  # speed and acceleration of its origin (n,)
 Channel = Callable[[str], np.ndarray]  # an array (n, k) of samples by name: q_a v_a a_a tau_g v_m tau_m
 
 
@@ -69,7 +71,13 @@ class LimitUse:
         return f"{self.name}: {self.quantity} {value} exceeds its limit {bound}"
 
 
-def limit_rows(model: RobotModel, limits: Limits, channel: Channel, time: np.ndarray) -> Iterator[LimitRow]:
+def limit_rows(
+    model: RobotModel,
+    limits: Limits,
+    channel: Channel,
+    time: np.ndarray,
+    tool: Callable[[], ToolMotion] | None = None,
+) -> Iterator[LimitRow]:
     """The quantities that have bounds, along a motion.
 
     Parameters
@@ -80,6 +88,8 @@ def limit_rows(model: RobotModel, limits: Limits, channel: Channel, time: np.nda
         Arrays (n, k) of the motion by name: ``q_a``, ``v_a``, ``a_a``, ``tau_g``, ``v_m``, ``tau_m``.
     time : array (n,) [s]
         Instants of the samples.
+    tool : callable, optional
+        Gives the motion of the tool where it is known; default: from the kinematics.
 
     Yields
     ------
@@ -115,7 +125,8 @@ def limit_rows(model: RobotModel, limits: Limits, channel: Channel, time: np.nda
         effective = _effective(channel("tau_g"), np.full(model.n_g, np.inf), time)
         yield _row("effective gear torque", of_gear, joints, effective, limits.bounds("gear_torque_rms", model.n_g))
     if limits.tool_speed is not None or limits.tool_acceleration is not None:
-        yield from _tool_rows(model, limits, channel)
+        known = tool or partial(tool_motion, derive(model), *map(channel, ("q_a", "v_a", "a_a")))
+        yield from _tool_rows(limits, known())
 
 
 def uses_of_limits(model: RobotModel, limits: Limits, channel: Channel, time: np.ndarray) -> tuple[LimitUse, ...]:
@@ -176,15 +187,22 @@ def _effective(values: np.ndarray, constants: np.ndarray, time: np.ndarray) -> n
     return out
 
 
-def _tool_rows(model: RobotModel, limits: Limits, channel: Channel) -> Iterator[LimitRow]:
-    """Speed and acceleration of the tool's origin: norms of three components."""
-    equations, q, v = derive(model), channel("q_a"), channel("v_a")
+def tool_motion(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> ToolMotion:
+    """Speed and acceleration (n,) of the tool's origin for positions, speeds and accelerations (n, n_a) of the arm."""
     J = evaluate(equations.function("jacobian"), q)[0].reshape(len(q), 6, -1)[:, :3]
-    if limits.tool_speed is not None:
-        speed = np.linalg.norm(np.einsum("nij,nj->ni", J, v), axis=1, keepdims=True)
-        yield _row("speed", ("m/s",), ("the tool",), speed, np.array([limits.tool_speed]))
-    if limits.tool_acceleration is not None:
-        dJ = evaluate(equations.function("jacobian_dot"), q, v)[0].reshape(len(q), 6, -1)[:, :3]
-        acceleration = np.einsum("nij,nj->ni", J, channel("a_a")) + np.einsum("nij,nj->ni", dJ, v)
-        size = np.linalg.norm(acceleration, axis=1, keepdims=True)
-        yield _row("acceleration", ("m/s^2",), ("the tool",), size, np.array([limits.tool_acceleration]))
+    dJ = evaluate(equations.function("jacobian_dot"), q, v)[0].reshape(len(q), 6, -1)[:, :3]
+    speed, acceleration = (np.einsum("nij,nj->ni", J, x) for x in (v, a))
+    return norms(speed, acceleration + np.einsum("nij,nj->ni", dJ, v))
+
+
+def norms(*vectors: np.ndarray) -> ToolMotion:
+    """Norms (n,) of vectors (n, 3)."""
+    speed, acceleration = (np.linalg.norm(x, axis=1) for x in vectors)
+    return speed, acceleration
+
+
+def _tool_rows(limits: Limits, motion: ToolMotion) -> Iterator[LimitRow]:
+    named = (("speed", "m/s", limits.tool_speed), ("acceleration", "m/s^2", limits.tool_acceleration))
+    for (quantity, unit, bound), values in zip(named, motion, strict=True):
+        if bound is not None:
+            yield _row(quantity, (unit,), ("the tool",), values[:, None], np.array([bound]))

@@ -201,7 +201,8 @@ class Program(Move):
 
     ``profile`` [m/s^j] bounds the steps of the tool, ``joint_profile`` [rad/s^j or m/s^j] those of the joints; both and
     ``smoothness`` as in `Move`. A step without ``zone`` ends at rest. A step with ``zone`` continues into the next one
-    without a stop; both must be of the same space, joints or tool.
+    without a stop; both must be of the same space, joints or tool. ``laws``: for each motion from rest to rest its
+    duration [s] and the coefficients of a `flexgen.paths.time_laws.SplineLaw`, in place of the profiles.
 
     Examples
     --------
@@ -218,6 +219,7 @@ class Program(Move):
     smoothness: int = 0
     steps: tuple[Step, ...] = ()
     joint_profile: Vector = ()
+    laws: tuple[Vector, ...] = ()
 
     __repr__ = short_repr
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError, SolverError
-from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Where
+from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Vector, Where
 from flexgen.paths.blended_curve import MIN_CORNER_SPEED, BlendedCurve
 from flexgen.paths.jets import axis_angle, quaternion, rotation_matrices, rotation_vector
 from flexgen.paths.joint_limits import InverseKinematics
@@ -310,7 +310,7 @@ class _Planner:
         """Bound on the speed of a step."""
         if step.speed is None:
             return profile[0] if profile else 1.0
-        if not profile:
+        if not profile and not self.move.timing:
             raise self._step_wrong(step, k, "speed", step.speed, "no speed, or a move with a profile")
         if not (np.isfinite(step.speed) and step.speed > 0):
             raise self._step_wrong(step, k, "speed", step.speed, "a speed > 0")
@@ -358,6 +358,10 @@ class _Planner:
 
         if not program.steps:
             raise wrong(program.where, self.name, "step", "none", "one or more steps")
+        stops = sum(step.zone == 0 for step in program.steps)
+        if program.laws and (len(program.laws) != stops or min(map(len, program.laws)) < 2):
+            expected = f"none, or {stops}, one for each motion from rest to rest: its duration and coefficients"
+            raise wrong(program.where, self.name, "laws", len(program.laws), expected)
         segments: list[TimedSegment] = []
         q_g, time = self.q_g, 0.0
         position, R = self.reference.tool_pose(q_g)
@@ -367,7 +371,8 @@ class _Planner:
             if step.zone > 0 and k + 1 < len(program.steps):
                 continue
             group = program.steps[first : k + 1]
-            segment = self._group(program, group, first, q_g, position, R, time)
+            law = program.laws[len(segments)] if program.laws else None
+            segment = self._group(program, group, first, q_g, position, R, time, law)
             segments.append(segment)
             if limited or any(isinstance(x, MoveJ) or x.configuration for x in (*group, *program.steps[k + 1 :])):
                 q_g = configuration_at_end(self.reference, segment, q_g)
@@ -411,6 +416,7 @@ class _Planner:
         position: np.ndarray,
         R: np.ndarray,
         time: float,
+        timing: Vector | None,
     ) -> TimedSegment:
         """The timed segment of steps without a stop between them, from a joint configuration and tool pose."""
         joints = isinstance(group[0], MoveJ)
@@ -439,6 +445,8 @@ class _Planner:
         speeds = [self._speed(step, k, profile) for k, step in enumerate(group, first)]
         curve = BlendedCurve(start, orientation, segments, zones)
         space = "joint" if joints else "tool"
+        if timing is not None:
+            return TimedSegment(space, curve, SplineLaw(timing[0], timing[1:], curve.length), time)
         try:
             law = plan_law(self.reference, space, curve, profile, program.smoothness, program.radius, q_g, speeds)
         except SolverError as error:

@@ -13,7 +13,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
-from flexgen.paths.jets import ORDER, chain_rule
+from flexgen.paths.jets import JET, ORDER, chain_rule
 from flexgen.paths.joint_limits import InverseKinematics, beyond_range
 from flexgen.paths.move_planner import plan_move
 from flexgen.paths.reference import PathSample, Reference
@@ -112,21 +112,32 @@ class Path(Result):
     @checked_types(own=("t",))
     def sample(self, t: np.ndarray) -> PathSample:
         """The reference at the instants ``t`` [s], shape (n,); ArgumentError where they are none."""
-        t = _instants(t)
+        return self.sample_orders(_instants(t), JET)
+
+    def sample_orders(self, t: np.ndarray, count: int) -> PathSample:
+        """The reference at the instants ``t`` [s], with its first ``count`` derivatives, from 0 on, of joint moves."""
+
+        def of(segment: TimedSegment, at: np.ndarray) -> PathSample:
+            x, attitude = segment.at(at)
+            return self.reference.sample(segment.space, x[:, :, :count] if segment.space == "joint" else x, attitude)
+
         if len(self.segments) == 1 or not len(t):
-            return self.reference.sample(self.segments[0].space, *self.segments[0].at(t))
+            return of(self.segments[0], t)
         starts = [segment.start for segment in self.segments]
         number = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(starts) - 1)
         found = []
         for k, segment in enumerate(self.segments):
             here = np.flatnonzero(number == k)
             if len(here):
-                found.append((here, self.reference.sample(segment.space, *segment.at(t[here]))))
+                found.append((here, of(segment, t[here])))
         order = np.argsort(np.concatenate([here for here, _ in found]), kind="stable")
 
         def join(name: str) -> np.ndarray | None:
             values = [getattr(sample, name) for _, sample in found]
-            return None if any(value is None for value in values) else np.concatenate(values)[order]
+            if any(value is None for value in values):
+                return None
+            fewest = min(value.shape[-1] for value in values) if name in ("y", "w") else None
+            return np.concatenate([value[..., :fewest] for value in values])[order]
 
         y = join("y")
         assert y is not None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -13,7 +12,7 @@ from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.jets import JET, ORDER, Attitude
+from flexgen.paths.jets import Attitude
 from flexgen.results import Result
 from flexgen.spec.arguments import is_whole
 from flexgen.type_checks import checked_result, checked_types
@@ -58,6 +57,7 @@ class Reference:
 
     def __init__(self, equations: Equations) -> None:
         self.equations, self.model = equations, equations.model
+        self._references: dict[int, ca.Function] = {}  # by the number of derivatives
         self.pose = self.model.output.type == "tool_pose"
         self.tool = self.pose or self.model.output.type == "tool_position"
         self.axes = [0, 1, 2] if self.pose else ["xyz".index(axis) for axis in self.model.output.axes]
@@ -77,10 +77,9 @@ class Reference:
         """The outputs of the undeflected arm (n_y; 3 for a pose)."""
         return evaluate(self.equations.function("output"), self.expand(q_g))[0][0]
 
-    @cached_property
-    def _joint_reference(self) -> ca.Function:
-        """Output and its time derivatives from those of the actuated coordinates, each (n_g)."""
-        g = [ca.SX.sym(f"q{k}", self.model.n_g) for k in range(JET)]
+    def _joint_reference(self, count: int) -> ca.Function:
+        """Output and its first derivatives in time, ``count`` in all, from those of the joints, each (n_g)."""
+        g = [ca.SX.sym(f"q{k}", self.model.n_g) for k in range(count)]
         pick = ca.DM(np.eye(self.model.n_a)[:, list(self.model.i_g)])
         q, v = ca.mtimes(ca.sparsify(pick), g[0]), ca.mtimes(ca.sparsify(pick), g[1])
 
@@ -90,17 +89,20 @@ class Reference:
                 out.append(ca.jtimes(out[-1], ca.vertcat(*g[:k]), ca.vertcat(*g[1 : k + 1])))
             return out
 
-        y = derivatives(self.equations.function("output")(q), JET)
+        y = derivatives(self.equations.function("output")(q), count)
         if self.pose:
             R = self.equations.function("forward_kinematics")(q)[1]
             w = [ca.mtimes(self.equations.function("jacobian")(q), v)[3:]]
-            for _ in range(ORDER - 1):
+            for _ in range(count - 2):
                 w.append(ca.jtimes(w[-1], ca.vertcat(*g[:-1]), ca.vertcat(*g[1:])))
             y += [R, *w]
         return ca.Function("joint_reference", g, [ca.densify(x) for x in y])
 
     def sample(self, space: str, x: np.ndarray, attitude: Attitude | None) -> PathSample:
-        """The reference from the time derivatives ``x`` (n, d, 6) of a curve and the orientation along it."""
+        """The reference from the time derivatives ``x`` (n, d, 6) of a curve and the orientation along it.
+
+        Of joints with fewer derivatives, two or more, the reference has as many.
+        """
         if space == "joint":
             return self._joints(x)
         if space == "output":
@@ -110,9 +112,13 @@ class Reference:
         return PathSample(x, *attitude)
 
     def _joints(self, q_g: np.ndarray) -> PathSample:
-        values = evaluate(self._joint_reference, *[np.ascontiguousarray(q_g[:, :, k]) for k in range(JET)])
-        y = np.stack([value.reshape(len(q_g), -1) for value in values[:JET]], axis=-1)
+        count = q_g.shape[2]
+        if count not in self._references:
+            self._references[count] = self._joint_reference(count)
+        function = self._references[count]
+        values = evaluate(function, *[np.ascontiguousarray(q_g[:, :, k]) for k in range(count)])
+        y = np.stack([value.reshape(len(q_g), -1) for value in values[:count]], axis=-1)
         if not self.pose:
             return PathSample(y, q_g=q_g)
-        w = np.stack(values[JET + 1 :], axis=-1)
-        return PathSample(y, values[JET], w, q_g)
+        w = np.stack(values[count + 1 :], axis=-1)
+        return PathSample(y, values[count], w, q_g)

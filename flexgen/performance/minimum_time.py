@@ -33,8 +33,10 @@ from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import refuse_hysteresis
 from flexgen.model.output_columns import unit_of
-from flexgen.paths.path import Path, check_range
+from flexgen.paths.path import Path, check_range, find_move
+from flexgen.performance.program_time import ProgramSearch, legs_of
 from flexgen.performance.rigid_time import rigid_time
+from flexgen.performance.stated_speeds import stated_speeds
 from flexgen.performance.time_search import TimeSearch
 from flexgen.progress import Choice, reported
 from flexgen.registry import find_function
@@ -57,7 +59,7 @@ class FastestMove(Result):
     solution : Solution
         The move with its new time law, solved and verified.
     default : Solution
-        The move as it was given.
+        The move as it was given; a program is not verified.
     limits : Limits
     duration_s, default_s, rigid_s : float [s]
         Of the path, of the path as given, and the lower bound of a rigid robot.
@@ -160,6 +162,7 @@ class FastestMove(Result):
             "excess": self.excess,
             "coefficients": self.coefficients,
             "timing": list(self.move.timing),
+            "laws": [list(law) for law in getattr(self.move, "laws", ())],
             "programs": self.programs,
             "inversions": self.inversions,
             "cpu_s": self.cpu_s,
@@ -189,7 +192,7 @@ def fastest(
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
-        A move of the model file, not a program; default: its first.
+        A move or program of the model file; default: its first.
     limits : Limits, optional
         Default: those of the model file; a motor without torque limit there gets the largest torque of the move as it
         is given.
@@ -215,7 +218,7 @@ def fastest(
     Raises
     ------
     ArgumentError
-        An argument is out of range, or the move has several segments.
+        An argument is out of range, the path is one through samples, or ``vibration`` is given for a program.
     SolverError
         The move has no solution, the limits cannot be kept at any speed, or the time limit is over.
 
@@ -288,28 +291,68 @@ def _find_fastest(
     """The fastest time law; arguments of `fastest`, checked; ``margin`` (n_m,): what torques leave of the limits."""
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
-    default = solve(robot, move, progress=progress if callable(progress) else None)
-    path = Path(derive(robot), default.move)
+    path = Path(derive(robot), find_move(robot, move))
+    several = len(path.segments) > 1
+    default = solve(robot, path.move, verify=not several, progress=progress if callable(progress) else None)
     check_range(path)
-    search = TimeSearch(path, default, limits, torque_rate, vibration, coefficients, tell)
-    kept, bounds = search.limits, search.bounds
+    kept = _limits_of(robot, limits, torque_rate, default)
+    own = kept
     if margin is not None:
-        own = replace(limits or Limits(), torque=tuple((bounds[0] - margin).tolist()))
-        search = TimeSearch(path, default, own, torque_rate, vibration, coefficients, tell)
+        own = replace(kept, torque=tuple((np.array(kept.torque) - margin).tolist()))
+    search: TimeSearch | ProgramSearch
+    if not several:
+        (speeds,) = stated_speeds(path.move)
+        search = TimeSearch(path, default, own, vibration, coefficients, tell, speeds)
+    elif vibration is not None:
+        raise ArgumentError(f"vibration: given for the program {default.move.name}, expected a single move")
+    else:
+        search = ProgramSearch(path, default, own, coefficients, tell)
     began, cpu = perf_counter(), process_time()
+    x: Any
     x, history = search.run()
-    if search.swings is not None:
+    if isinstance(search, TimeSearch) and search.swings is not None:
         x = search.calm(x, history)
     seconds = perf_counter() - began, process_time() - cpu
     timed = search.move(x)
     tell(f"verifying {timed.duration:.4f} s")
     found = solve(robot, timed, ignore_limits=True, progress=progress if callable(progress) else None)
     new, given = (search.vibrations(solution) for solution in (found, default))
+    rigid = [rigid_time(leg, *own.arrays(robot.n_m)) for leg in legs_of(path)]
+    pauses = path.duration - sum(segment.law.duration for segment in path.segments)
     return FastestMove(
-        found, default, kept, float(x[0]), path.duration, rigid_time(path, *bounds),
-        new, given, search.excess(x), coefficients, search.programs,
-        search.inversions, seconds[1], seconds[0], tuple(history),
-    )  # fmt: skip
+        solution=found,
+        default=default,
+        limits=kept,
+        duration_s=timed.duration,
+        default_s=path.duration,
+        rigid_s=sum(rigid) + (pauses if len(rigid) > 1 else 0.0),
+        vibration=new,
+        default_vibration=given,
+        excess=search.excess(x),
+        coefficients=coefficients,
+        programs=search.programs,
+        inversions=search.inversions,
+        cpu_s=seconds[1],
+        wall_s=seconds[0],
+        history=tuple(history),
+    )
+
+
+def _limits_of(robot: RobotModel, given: Limits | None, torque_rate: float | None, default: Solution) -> Limits:
+    """Those given, else those of the model file; every motor has one of its torque.
+
+    ``torque_rate``: a bound of the rates as a multiple of those of the ``default`` move.
+    """
+    kept = (given or Limits()).merged(robot)
+    tau, time = default.trajectory["tau_m"], default.trajectory.time
+    torque, largest = kept.bounds("torque", robot.n_m), np.abs(tau).max(axis=0)
+    kept = replace(kept, torque=tuple(map(float, np.where(np.isfinite(torque), torque, largest))))
+    if torque_rate is not None:
+        rate = np.minimum(
+            kept.bounds("torque_rate", robot.n_m), torque_rate * np.abs(np.gradient(tau, time, axis=0)).max(axis=0)
+        )
+        kept = replace(kept, torque_rate=tuple(map(float, rate)))
+    return kept
 
 
 def fastest_move(

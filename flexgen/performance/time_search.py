@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -18,11 +18,15 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import Solution
 from flexgen.loop.reference import trajectory_of
+from flexgen.mechanics.limit_use import ToolMotion, limit_rows, norms, tool_motion
 from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Move
 from flexgen.paths.path import Path
+from flexgen.paths.reference import PathSample
 from flexgen.paths.time_laws import SplineLaw, TimeLaw
 from flexgen.performance.residual_vibration import ResidualVibration
+from flexgen.performance.stated_speeds import StatedSpeeds
+from flexgen.runtime.path_inversion import Inversion
 
 SAMPLES = 300  # on the path
 MESH_S = 5e-3  # of the inversion
@@ -35,6 +39,7 @@ CLOSE = 0.6  # of a limit: samples below it cannot become active within a step
 STEP = 1e-5  # of differences
 FINER = 3  # samples and mesh of the last check
 MOST = 60  # programs
+HALVINGS = 8  # of the duration of a first law
 NEARLY = 2e-4  # gain of a step below which it hardly helps
 CALM, CALMER, CALM_STEP = 30.0, 12, 1e-4  # penalty of limits, programs and differences where vibration is reduced
 LONGER = (1.01, 1.02, 1.03, 1.045, 1.06, 1.08, 1.1, 1.13, 1.17, 1.22, 1.3, 1.4, 1.6, 2.0)  # times the shortest duration
@@ -48,48 +53,26 @@ class TimeSearch:
         self,
         path: Path,
         default: Solution,
-        limits: Limits | None,
-        torque_rate: float | None,
+        limits: Limits,
         vibration: float | None,
         coefficients: int,
         tell: Callable[[str], None],
+        speeds: tuple[float | None, ...] = (),
     ) -> None:
         equations, model = path.equations, path.equations.model
         self.path, self.model, self.tell, self.n = path, model, tell, coefficients
-        if len(path.segments) != 1:
-            raise ArgumentError(f"move {default.move.name}: given one of several segments, expected a single one")
-        if default.move.type in ("sampled", "program"):
+        if default.move.type == "sampled":
             raise ArgumentError(
-                f"move {default.move.name}: given a {default.move.type} move, expected a line, arc or joint"
+                f"move {default.move.name}: given a sampled move, expected a line, arc, joint or program"
             )
-        self.limits = self._limits(default, limits)
+        self.limits = limits
         self.library = inversion_library(equations, "lq", progress=tell)
         self._reduction = Reduction(equations)
         before, after = InversionProblem(equations, path).windows
         self._before, self._after = before, min(after, AFTER_S)
-        tau = default.trajectory["tau_m"]
-        self._bounds = [*self.bounds, self.limits.deflections(model.n_e)]
-        rate = np.abs(np.gradient(tau, default.trajectory.time, axis=0)).max(axis=0)
-        self._rate = np.full(model.n_m, np.inf) if torque_rate is None else torque_rate * rate
+        self._speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
         self.swings = vibration
         self.programs = self.inversions = 0
-
-    def _limits(self, default: Solution, given: Limits | None) -> Limits:
-        """Those given, else those of the model file; every motor has one of its torque."""
-        motors = self.model.motors
-        torque = np.array([motor.torque_max or np.inf for motor in motors])
-        speed = np.array([motor.speed_max or np.inf for motor in motors])
-        if given is not None:
-            own = given.arrays(self.model.n_m)
-            torque = torque if given.torque is None else own[0]
-            speed = speed if given.speed is None else own[1]
-        largest = np.abs(default.trajectory["tau_m"]).max(axis=0)
-        self.bounds = np.where(np.isfinite(torque), torque, largest), speed
-        return Limits(
-            tuple(map(float, self.bounds[0])),
-            tuple(map(float, speed)) if np.isfinite(speed).all() else None,
-            None if given is None else given.deflection,
-        )
 
     def law(self, x: np.ndarray) -> SplineLaw:
         """The time law."""
@@ -97,8 +80,7 @@ class TimeSearch:
 
     def move(self, x: np.ndarray) -> Move:
         """The move with this time law."""
-        move = self.path.move
-        return replace(move, duration=float(x[0]), timing=tuple(map(float, x[1:])), profile=(), smoothness=5)
+        return replace(self.path.move, duration=float(x[0]), timing=tuple(map(float, x[1:])), profile=(), smoothness=5)
 
     def start(self) -> np.ndarray:
         """The polynomial law of smoothness 5, a little slower than given."""
@@ -115,24 +97,39 @@ class TimeSearch:
 
         ``finer``: this many times as many samples and intervals of the mesh.
         """
-        self.inversions += 1
-        timed, count = self._retime(x), finer * SAMPLES
-        period = timed.duration / count
-        sample = timed.sample(np.arange(count + 1) * period)
-        y = self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
-        found = self.library.invert(
-            *(np.ascontiguousarray(a) for a in y), period=period, q_start=self.path.q_start,
-            n_pre=int(np.ceil(self._before / period)), n_post=int(np.ceil(self._after / period)),
-            samples_per_interval=max(1, round(MESH_S / finer / period)),
-        )  # fmt: skip
-        parts = [(found.tau_m, self._bounds[0]), (found.v_m, self._bounds[1])]
-        parts.append((found.q_a[:, list(self.model.i_e)], self._bounds[2]))
-        parts.append((np.diff(found.tau_m, axis=0) / period, self._rate))
-        every = slice(None)  # the last check looks at all samples
+        timed = self._retime(x)
+        found, tool = self.invert(timed, timed.duration / (finer * SAMPLES), MESH_S / finer)
+        every = np.arange(len(found.tau_m))  # the last check looks at all samples
         at = every if finer > 1 else self._instants(len(found.tau_m), found.n_pre)
-        values = [(a[at][:, np.isfinite(b)] / b[np.isfinite(b)]).ravel() for a, b in parts]
+        values = [self._speeds.parts(timed.segments[0].law)]
+        for row in limit_rows(self.model, self.limits, partial(getattr, found), found.t, tool):
+            finite = np.isfinite(row.bounds).all(axis=0)
+            values.append((row.parts if len(row.parts) == 1 else row.parts[at[at < len(row.parts)]])[:, finite].ravel())
         self._found = found
         return np.concatenate(values)
+
+    def invert(self, timed: Path, period: float, mesh: float) -> tuple[Inversion, Callable[[], ToolMotion]]:
+        """Motion and torques along a path, sampled with the period [s], on a mesh [s]; and the motion of the tool."""
+        self.inversions += 1
+        sample = timed.sample_orders(np.arange(round(timed.duration / period) + 1) * period, 3)
+        y = self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
+        found = self.library.invert(
+            *(np.ascontiguousarray(a) for a in y),
+            period=period,
+            q_start=timed.q_start,
+            n_pre=int(np.ceil(self._before / period)),
+            n_post=int(np.ceil(self._after / period)),
+            samples_per_interval=max(1, round(mesh / period)),
+        )
+        return found, partial(self._tool_motion, found, sample)
+
+    def _tool_motion(self, found: Inversion, sample: PathSample) -> ToolMotion:
+        """Speed and acceleration of the tool's origin; where the output has it, those of the reference."""
+        output = self.model.output
+        if output.type != "tool_pose" and (output.type, output.axes) != ("tool_position", "xyz"):
+            return tool_motion(self._reduction.equations, found.q_a, found.v_a, found.a_a)
+        around = ((found.n_pre, found.n_post), (0, 0))
+        return norms(*(np.pad(sample.y[:, :, k], around) for k in (1, 2)))
 
     @cached_property
     def _vibration(self) -> ResidualVibration:
@@ -165,9 +162,19 @@ class TimeSearch:
         """Largest excess of a limit, relative."""
         return float(np.abs(self.constraints(x, FINER)).max() - 1.0)
 
-    def run(self) -> tuple[np.ndarray, list[float]]:
-        """The best time law, and the duration after each step."""
+    def quick_start(self) -> np.ndarray:
+        """The polynomial law of smoothness 5, as fast as the limits let it be."""
         x = self.start()
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            factor = (low + high) / 2
+            g = self._try(np.concatenate([[factor * x[0]], x[1:]]))
+            low, high = (low, factor) if g is not None and np.abs(g).max() <= 1.0 else (factor, high)
+        return np.concatenate([[high * x[0]], x[1:]])
+
+    def run(self, first: np.ndarray | None = None) -> tuple[np.ndarray, list[float]]:
+        """The best time law, and the duration after each step; ``first``: where to begin, default: `start`."""
+        x = self.start() if first is None else first
         g = self._try(x)
         if g is None:
             raise SolverError("fastest: the first time law cannot be inverted; take another move")
@@ -303,31 +310,38 @@ class TimeSearch:
         return np.stack(columns, axis=1)
 
     def _program(self, x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float) -> np.ndarray | None:
-        """The step of one linear program: unknown dT/T, dc, sigma."""
-        n, A = len(x), G * np.concatenate([[scale], np.ones(len(x) - 1)])
-        near = np.abs(g) > CLOSE
-        A, b = A[near], g[near]
-        sigma = -np.ones((len(b), 1))
-        rows = np.vstack([np.hstack([A, sigma]), np.hstack([-A, sigma])])
-        right = np.concatenate([1 - b, 1 + b])
-        order = np.zeros((n, n + 1))  # 0 <= c_1 <= ... <= c_n <= 1
-        for k in range(n):
-            if k > 0:
-                order[k, k] = 1.0
-            if k < n - 1:
-                order[k, k + 1] = -1.0
-        c = np.concatenate([[0.0], x[1:], [1.0]])
-        rows, right = np.vstack([rows, order]), np.concatenate([right, np.diff(c)])
-        # Small weights on |dc|: where no limit is near, the law stays as it is.
-        size = np.hstack([np.zeros((n - 1, 1)), np.eye(n - 1), np.zeros((n - 1, 1)), -np.eye(n - 1)])
-        mirrored = np.hstack([-size[:, : n + 1], -np.eye(n - 1)])
-        rows = np.vstack([np.hstack([rows, np.zeros((len(rows), n - 1))]), size, mirrored])
-        right = np.concatenate([right, np.zeros(2 * (n - 1))])
-        cost = np.concatenate([[1.0], np.zeros(n - 1), [PENALTY], np.full(n - 1, LAZY)])
-        bounds = [(-trust, trust)] * n + [(0, None)] * n
+        """The step of one linear program."""
+        cost, rows, right, bounds = linear_program(x, g, G, trust, scale)
         found = linprog(cost, A_ub=rows, b_ub=right, bounds=bounds, method="highs")
         if found.x is None:
             return None
-        step = found.x[:n].copy()
+        step = found.x[: len(x)].copy()
         step[0] *= scale
         return np.asarray(step)
+
+
+def linear_program(
+    x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[float, float | None]]]:
+    """Cost, rows, their right sides and bounds of the program of a step: unknown dT/T, dc, sigma, |dc|."""
+    n, A = len(x), G * np.concatenate([[scale], np.ones(len(x) - 1)])
+    upper, lower = g > CLOSE, g < -CLOSE
+    A = np.vstack([A[upper], -A[lower]])
+    rows = np.hstack([A, -np.ones((len(A), 1))])
+    right = np.concatenate([1 - g[upper], 1 + g[lower]])
+    order = np.zeros((n, n + 1))  # 0 <= c_1 <= ... <= c_n <= 1
+    for k in range(n):
+        if k > 0:
+            order[k, k] = 1.0
+        if k < n - 1:
+            order[k, k + 1] = -1.0
+    c = np.concatenate([[0.0], x[1:], [1.0]])
+    rows, right = np.vstack([rows, order]), np.concatenate([right, np.diff(c)])
+    # Small weights on |dc|: where no limit is near, the law stays as it is.
+    size = np.hstack([np.zeros((n - 1, 1)), np.eye(n - 1), np.zeros((n - 1, 1)), -np.eye(n - 1)])
+    mirrored = np.hstack([-size[:, : n + 1], -np.eye(n - 1)])
+    rows = np.vstack([np.hstack([rows, np.zeros((len(rows), n - 1))]), size, mirrored])
+    right = np.concatenate([right, np.zeros(2 * (n - 1))])
+    cost = np.concatenate([[1.0], np.zeros(n - 1), [PENALTY], np.full(n - 1, LAZY)])
+    bounds: list[tuple[float, float | None]] = [(-trust, trust)] * n + [(0, None)] * n
+    return cost, rows, right, bounds

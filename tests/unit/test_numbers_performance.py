@@ -20,6 +20,7 @@ from flexgen.mechanics.statics import gear_deflection
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw
 from flexgen.performance import learn, payload, time_search
+from flexgen.performance.minimum_time import _limits_of
 from flexgen.performance.payload import identify_load
 from flexgen.performance.rigid_time import _accelerate, _extreme, _time
 from flexgen.performance.smoother import acting
@@ -329,16 +330,18 @@ def test_the_first_law_is_the_polynomial_a_little_slower() -> None:
 
 
 def test_limits_are_those_given_then_those_of_the_model_then_the_torques_of_the_move() -> None:
-    motors = (SimpleNamespace(torque_max=5.0, speed_max=None), SimpleNamespace(torque_max=None, speed_max=7.0))
-    made = search(model=SimpleNamespace(motors=motors, n_m=2))
-    default = SimpleNamespace(trajectory={"tau_m": np.array([[9.0, -3.0], [-8.0, 2.0]])})
-    found = made._limits(default, None)
-    assert found.torque == (5.0, 3.0) and found.speed is None and found.deflection is None
-    assert_array_equal(made.bounds[1], [np.inf, 7.0])
-    found = made._limits(default, Limits(torque=(1.0, 2.0), speed=(3.0, 4.0), deflection=(0.1,)))
-    assert found.torque == (1.0, 2.0) and found.speed == (3.0, 4.0) and found.deflection == (0.1,)
-    found = made._limits(default, Limits(speed=(3.0, 4.0)))
-    assert found.torque == (5.0, 3.0) and found.speed == (3.0, 4.0)
+    own = {"motor.m1.torque_max": 5.0, "motor.m2.speed_max": 7.0, "motor.m1.torque_rate_max": 80.0}
+    model = flexgen.read("elbow", overrides=own)
+    tau = np.array([[9.0, -3.0], [-8.0, 2.0], [-8.0, 2.0]])
+    port, labels = Port("tau_m", (2,), "N m", "of motors"), ("m1", "m2")
+    moved = Trajectory(np.array([0.0, 0.1, 0.2]), {"tau_m": tau}, {"tau_m": port}, {"tau_m": labels})
+    default = SimpleNamespace(trajectory=moved)
+    found = _limits_of(model, None, None, default)
+    assert found == Limits((5.0, 3.0), (np.inf, 7.0), torque_rate=(80.0, np.inf))
+    given = Limits(torque=(1.0, 2.0), speed=(3.0, 4.0), tool_speed=0.5, reserve=0.1)
+    assert _limits_of(model, given, None, default) == replace(given, torque_rate=(80.0, np.inf))
+    found = _limits_of(model, Limits(speed=(3.0, 4.0)), 2.0, default)  # largest rates: 170 and 50 N m/s
+    assert found == Limits((5.0, 3.0), (3.0, 4.0), torque_rate=(80.0, 100.0))
 
 
 def test_samples_of_a_search_are_as_many_for_every_duration() -> None:

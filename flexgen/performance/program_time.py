@@ -1,0 +1,331 @@
+"""The fastest time laws of a program: one for each motion from rest to rest, and limits that connect them.
+
+Each motion is searched alone, see `time_search.py`. Effective torques are means over the whole program: where one is
+exceeded, linear programs over all laws follow,
+
+    min sum dT_k + w sum sigma,   |g_k + G_k dx_k| <= 1 + sigma_k,   c + sum_k C_k dx_k <= 1 + sigma_0
+
+with the effective torques c over their limits. At last the whole program is inverted, and motions whose torques, with
+those of their neighbors, exceed a limit there are slowed down.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.sparse import block_diag, csr_matrix, hstack, vstack
+
+from flexgen.deadline import check_time
+from flexgen.errors import FlexgenError, SolverError
+from flexgen.inversion.solution import Solution
+from flexgen.mechanics.limit_use import LimitRow, limit_rows
+from flexgen.mechanics.limits import Limits
+from flexgen.model.moves import Move, Program
+from flexgen.paths.path import Path
+from flexgen.paths.timed_segments import configuration_at_end
+from flexgen.performance.stated_speeds import stated_speeds
+from flexgen.performance.time_search import (
+    EXACT,
+    FINER,
+    GROW,
+    MESH_S,
+    NEARLY,
+    PENALTY,
+    SAMPLES,
+    SHRINK,
+    SMALLEST,
+    STEP,
+    TRUST,
+    TimeSearch,
+    linear_program,
+)
+from flexgen.runtime.path_inversion import Inversion
+
+CONNECTING = ("torque_rms", "thermal_time", "gear_torque_rms")  # limits that connect the motions
+GRID = 1500  # instants of the effective torques of a program
+STEPS = 20  # linear programs over all laws
+REACH_S = 0.02  # s: a motion that exceeds a limit so close to its neighbor slows both down
+ROUNDS, WITHIN = 200, -1e-4  # relative excess of a limit that is left: none, whatever the samples
+SLOWEST, BISECTIONS = 30.0, 8  # factor of all durations
+
+
+@dataclass
+class _State:
+    """Unknowns of all motions, their constraints and inversions, and the effective torques over their limits."""
+
+    x: list[np.ndarray]
+    g: list[np.ndarray]
+    found: list[Inversion]
+    c: np.ndarray
+
+    @property
+    def duration(self) -> float:
+        """Of all motions, without pauses [s]."""
+        return float(sum(x[0] for x in self.x))
+
+    def excess(self) -> float:
+        """Largest excess of a limit, relative."""
+        return max(*(float(np.abs(g).max()) for g in self.g), float(self.c.max(initial=0.0))) - 1.0
+
+
+class ProgramSearch:
+    """The search of a program; the interface of `TimeSearch`, with one array of unknowns for each motion."""
+
+    swings = None
+
+    def __init__(
+        self, path: Path, default: Solution, limits: Limits, coefficients: int, tell: Callable[[str], None]
+    ) -> None:
+        self.path, self.limits, self.tell = path, limits, tell
+        self.model, self.n = path.equations.model, coefficients
+        self.connecting = Limits(**{name: getattr(limits, name) for name in CONNECTING})
+        single = limits.without(*CONNECTING)
+        self.legs = [
+            TimeSearch(leg, default, single, None, coefficients, partial(self._tell_of, k), speeds)
+            for k, (leg, speeds) in enumerate(zip(legs_of(path), stated_speeds(path.move), strict=True))
+        ]
+        ends = [segment.start + segment.law.duration for segment in path.segments]
+        self.pauses = [later.start - end for later, end in zip(path.segments[1:], ends[:-1], strict=True)]
+        self.programs = 0
+
+    def _tell_of(self, k: int, line: str) -> None:
+        self.tell(f"motion {k + 1} of {len(self.legs)}: {line}")
+
+    @property
+    def inversions(self) -> int:
+        """Inversions of motions."""
+        return sum(leg.inversions for leg in self.legs)
+
+    def duration(self, x: list[np.ndarray]) -> float:
+        """Of the whole program [s]."""
+        return float(sum(part[0] for part in x) + sum(self.pauses))
+
+    def run(self) -> tuple[list[np.ndarray], list[float]]:
+        """The best time laws, and the duration after each stage."""
+        x = [leg.run(leg.quick_start())[0] for leg in self.legs]
+        self.programs += sum(leg.programs for leg in self.legs)
+        history = [self.duration(x)]
+        if self.connecting != Limits():
+            x = self._connect(x)
+            history.append(self.duration(x))
+        x = self._slow_down(x)
+        return x, [*history, self.duration(x)]
+
+    def move(self, x: list[np.ndarray]) -> Move:
+        """The program with these time laws."""
+        program = self.path.move
+        assert isinstance(program, Program)
+        return replace(program, laws=tuple(tuple(map(float, part)) for part in x), duration=self.duration(x))
+
+    def vibrations(self, solution: Solution) -> dict[str, float]:
+        """Largest vibration after the program of robots with less and more stiffness."""
+        return self.legs[-1].vibrations(solution)
+
+    def excess(self, x: list[np.ndarray]) -> float:
+        """Largest excess of a limit along the whole program, relative."""
+        return max(self._excesses(x))
+
+    # --- effective torques --------------------------------------------------------------------------------------------
+    def _connect(self, x: list[np.ndarray]) -> list[np.ndarray]:
+        """Time laws that keep the effective torques too."""
+        state = self._slow_enough(x)
+        if state.x is x:
+            return x
+        trust, idle, slopes, scale = TRUST, 0, None, state.duration
+
+        def merit(state: _State) -> float:
+            return state.duration / scale + EXACT * max(state.excess(), 0.0)
+
+        for _ in range(STEPS):
+            check_time("fastest")
+            if not (trust > SMALLEST and idle < 3):
+                break
+            slopes = self._slopes(state) if slopes is None else slopes
+            step = self._program(state, *slopes, trust)
+            self.programs += 1
+            other = None if step is None else self._state([a + b for a, b in zip(state.x, step, strict=True)])
+            gain = -np.inf if other is None else merit(state) - merit(other)
+            if other is not None and gain > 0:
+                idle = idle + 1 if gain < NEARLY else 0
+                state, slopes, trust = other, None, min(trust * GROW, 0.5)
+                self.tell(f"{self.duration(state.x):.4f} s, limits exceeded by {max(state.excess(), 0):.1e}")
+            else:
+                trust *= SHRINK
+        return state.x
+
+    def _slow_enough(self, x: list[np.ndarray]) -> _State:
+        """The same laws, all as much slower as the effective torques need; SolverError where that does not help."""
+        low, high, found = 1.0, 1.0, self._state(x)
+        while found is None or found.c.max() > 1.0:
+            low, high = high, 1.3 * high
+            if high > SLOWEST:
+                most = np.inf if found is None else float(found.c.max())
+                raise SolverError(
+                    "fastest: the effective torques cannot be kept in this program at any speed; raise their limits: "
+                    f"holding the robot needs {most:.3g} of one"
+                )
+            found = self._state([_slower(part, high) for part in x])
+        for _ in range(BISECTIONS if high > 1.0 else 0):
+            middle = (low + high) / 2
+            tried = self._state([_slower(part, middle) for part in x])
+            if tried is None or tried.c.max() > 1.0:
+                low = middle
+            else:
+                high, found = middle, tried
+        return found
+
+    def _state(self, x: list[np.ndarray]) -> _State | None:
+        """Everything at some time laws; None where one of them cannot be inverted."""
+        g = [leg._try(part) for leg, part in zip(self.legs, x, strict=True)]
+        known = [one for one in g if one is not None]
+        if len(known) < len(g):
+            return None
+        found = [leg._found for leg in self.legs]
+        return _State(x, known, found, self._effective(x, found))
+
+    def _effective(self, x: list[np.ndarray], found: list[Inversion]) -> np.ndarray:
+        """Effective torques of the program over their limits, from the motions one after the other."""
+        starts = np.cumsum([0.0, *(part[0] + p for part, p in zip(x, [*self.pauses, 0.0], strict=True))])
+        inside = [slice(one.n_pre, len(one.t) - one.n_post) for one in found]
+        t = np.concatenate([start + one.t[i] for start, one, i in zip(starts, found, inside, strict=False)])
+        grid = np.linspace(0.0, self.duration(x), GRID)
+
+        def channel(name: str) -> np.ndarray:
+            values = np.concatenate([getattr(one, name)[i] for one, i in zip(found, inside, strict=True)])
+            return np.stack([np.interp(grid, t, column) for column in values.T], axis=1)
+
+        rows = limit_rows(self.model, self.connecting, channel, grid)
+        return np.concatenate([row.parts.max(axis=0)[np.isfinite(row.bounds[0])] for row in rows])
+
+    def _slopes(self, state: _State) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Derivatives of the constraints of each motion, and of the effective torques, in its unknowns."""
+        own, connecting = [], []
+        for k, leg in enumerate(self.legs):
+            columns, means = [], []
+            for i in range(len(state.x[k])):
+                h = STEP * (state.x[k][0] if i == 0 else 1.0)
+                for step in (h, -h):
+                    moved = state.x[k] + step * (np.arange(len(state.x[k])) == i)
+                    g = leg._try(moved)
+                    if g is not None:
+                        break
+                if g is None:
+                    columns.append(np.zeros_like(state.g[k]))
+                    means.append(np.zeros_like(state.c))
+                    continue
+                x, found = list(state.x), list(state.found)
+                x[k], found[k] = moved, leg._found
+                columns.append((g - state.g[k]) / step)
+                means.append((self._effective(x, found) - state.c) / step)
+            own.append(np.stack(columns, axis=1))
+            connecting.append(np.stack(means, axis=1))
+        return own, connecting
+
+    def _program(
+        self, state: _State, own: list[np.ndarray], connecting: list[np.ndarray], trust: float
+    ) -> list[np.ndarray] | None:
+        """The steps of one linear program over all motions; None where it has no solution."""
+        total, count = state.duration, len(self.legs)
+        costs, blocks, rights, bounds, shared = [], [], [], [], []
+        for x, g, G, C in zip(state.x, state.g, own, connecting, strict=True):
+            cost, rows, right, limits = linear_program(x, g, G, trust, float(x[0]))
+            cost[0], cost[len(x) + 1 :] = x[0] / total, cost[len(x) + 1 :] / count
+            costs.append(cost)
+            blocks.append(csr_matrix(rows))
+            rights.append(right)
+            bounds += limits
+            scaled = C * np.concatenate([[x[0]], np.ones(len(x) - 1)])
+            shared.append(np.hstack([scaled, np.zeros((len(C), len(cost) - len(x)))]))
+        excess = csr_matrix(-np.ones((len(state.c), 1)))
+        none = csr_matrix((sum(map(len, rights)), 1))
+        A = vstack([hstack([block_diag(blocks), none]), hstack([csr_matrix(np.hstack(shared)), excess])])
+        right = np.concatenate([*rights, 1.0 - state.c])
+        cost = np.concatenate([*costs, [PENALTY]])
+        found = linprog(cost, A_ub=A.tocsr(), b_ub=right, bounds=[*bounds, (0, None)], method="highs")
+        if found.x is None:
+            return None
+        steps, at = [], 0
+        for x, own_cost in zip(state.x, costs, strict=True):
+            step = found.x[at : at + len(x)].copy()
+            step[0] *= x[0]
+            steps.append(step)
+            at += len(own_cost)
+        return steps
+
+    # --- the whole program --------------------------------------------------------------------------------------------
+    def retimed(self, x: list[np.ndarray]) -> Path:
+        """The path of the program with these time laws."""
+        timed, start = copy.copy(self.path), 0.0
+        segments = []
+        for k, (leg, part) in enumerate(zip(self.legs, x, strict=True)):
+            segments.append(replace(self.path.segments[k], law=leg.law(part), start=start))
+            start += float(part[0]) + (self.pauses[k] if k < len(self.pauses) else 0.0)
+        timed.segments, timed.duration = tuple(segments), self.duration(x)
+        return timed
+
+    def _excesses(self, x: list[np.ndarray]) -> list[float]:
+        """Largest excess of an effective torque, and of the other limits of each motion, along the whole program."""
+        timed = self.retimed(x)
+        finest = min(float(part[0]) for part in x) / (FINER * SAMPLES)
+        count = int(np.ceil(timed.duration / finest))
+        found, tool = self.legs[0].invert(timed, timed.duration / count, MESH_S / FINER)
+        rows = list(limit_rows(self.model, self.limits, partial(getattr, found), found.t, tool))
+        whole = [row for row in rows if row.quantity.startswith("effective")]
+        starts = np.array([segment.start for segment in timed.segments])
+        ends = starts + [float(part[0]) for part in x]
+        between = (ends[:-1] + starts[1:]) / 2
+        low, high = np.array([-np.inf, *between]) - REACH_S, np.array([*between, np.inf]) + REACH_S
+        out = [max((_largest(row, slice(None)) for row in whole), default=0.0) - 1.0]
+        for k, leg in enumerate(self.legs):
+            inside = np.flatnonzero((found.t >= low[k]) & (found.t <= high[k]))
+            parts = [_largest(row, inside[inside < len(row.parts)]) for row in rows if row not in whole]
+            parts.append(float(leg._speeds.parts(timed.segments[k].law).max(initial=0.0)))
+            out.append(max(parts) - 1.0)
+        return out
+
+    def _slow_down(self, x: list[np.ndarray]) -> list[np.ndarray]:
+        """The time laws slowed down where a limit is exceeded along the whole program."""
+        worst = np.inf
+        for _ in range(ROUNDS):
+            check_time("fastest")
+            try:
+                whole, *each = self._excesses(x)
+            except FlexgenError:
+                break
+            worst = max(whole, *each)
+            if worst <= WITHIN:
+                return x
+            self.tell(f"{self.duration(x):.4f} s, limits of the whole program exceeded by {worst:.1e}")
+            over = [max(whole, own) - WITHIN for own in each]
+            x = [_slower(part, 1 + max(0.3 * e, 1e-4)) if e > 0 else part for part, e in zip(x, over, strict=True)]
+        raise SolverError(
+            "fastest: the limits cannot be kept in this program at any speed; increase them: it needs "
+            f"{1 + worst:.3g} of a limit"
+        )
+
+
+def _slower(x: np.ndarray, factor: float) -> np.ndarray:
+    return np.concatenate([[factor * x[0]], x[1:]])
+
+
+def _largest(row: LimitRow, at: slice | np.ndarray) -> float:
+    finite = np.isfinite(row.bounds).all(axis=0)
+    return float(np.abs(row.parts[at][:, finite]).max(initial=0.0))
+
+
+def legs_of(path: Path) -> list[Path]:
+    """The motions of a path from rest to rest, each as a path that begins at the time 0."""
+    out = []
+    q_g = path.q_start[list(path.equations.model.i_g)]
+    for segment in path.segments:
+        leg = copy.copy(path)
+        first = replace(segment, start=0.0)
+        leg.segments, leg.duration, leg.q_start = (first,), first.law.duration, path.reference.expand(q_g)
+        out.append(leg)
+        q_g = configuration_at_end(path.reference, first, q_g)
+    return out

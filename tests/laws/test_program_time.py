@@ -1,0 +1,179 @@
+"""The fastest time laws of programs: every limit is kept by torques of another simulation, and none is for free."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.limits import Limits
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
+from flexgen.performance.program_time import ProgramSearch, legs_of
+from flexgen.performance.stated_speeds import StatedSpeeds, stated_speeds
+
+pytestmark = needs_compiler
+KEPT = 5e-4
+
+
+def program(*steps: object, **more: object) -> flexgen.Program:
+    """A program of the arm planar5_nmp."""
+    given = {"start": (0.3, -1.1), "smoothness": 5, "profile": (0.4, 2.0, 30.0, 600.0)}
+    return flexgen.Program("three", steps=steps, joint_profile=(1.0, 5.0, 60.0, 900.0), **(given | more))
+
+
+THREE = program(
+    flexgen.MoveJ((0.5, -1.3)),
+    flexgen.MoveL((-0.12, 0.0, 0.0), zone=0.03, speed=0.2),
+    flexgen.MoveL((0.0, 0.12, 0.0), pause=0.1),
+    flexgen.MoveJ((0.3, -1.1)),
+)
+
+
+def measures(solution: flexgen.Solution) -> dict[str, np.ndarray]:
+    """What the limits bound, from the motion of the simulated robot and differences, without the code of the search."""
+    t, run = solution.trajectory, solution.simulation.trajectory
+    h = t.time[1] - t.time[0]
+    place = evaluate(flexgen.derive(solution.model).function("forward_kinematics"), run["q_a"])[0]
+    tool = np.linalg.norm(np.gradient(place, run.time, axis=0), axis=1)
+    return {
+        "torque": np.abs(t["tau_m"]).max(axis=0),
+        "rate": np.abs(np.diff(t["tau_m"], axis=0)).max(axis=0) / h,
+        "rms": np.sqrt(np.mean(t["tau_m"] ** 2, axis=0)),
+        "gear": np.abs(t["tau_g"]).max(axis=0),
+        "deflection": np.abs(run["q_a"][:, list(solution.model.i_e)]).max(axis=0),
+        "tool": tool.max(keepdims=True),
+    }
+
+
+@pytest.fixture(scope="module")
+def given() -> dict[str, np.ndarray]:
+    return measures(flexgen.solve("planar5_nmp", THREE, progress=False))
+
+
+def limits_of(given: dict[str, np.ndarray], **more: object) -> Limits:
+    named = {
+        "torque": tuple(1.3 * given["torque"]),
+        "torque_rate": tuple(4.0 * given["rate"]),
+        "gear_torque": tuple(1.3 * given["gear"]),
+        "deflection": tuple(1.3 * given["deflection"]),
+        "tool_speed": float(1.5 * given["tool"][0]),
+        "reserve": 0.1,
+    }
+    return Limits(**(named | more))
+
+
+@pytest.fixture(scope="module")
+def found(given: dict[str, np.ndarray]) -> flexgen.FastestMove:
+    return flexgen.fastest("planar5_nmp", THREE, limits=limits_of(given), coefficients=8, progress=False)
+
+
+def test_a_program_is_faster_and_keeps_every_limit(given: dict[str, np.ndarray], found: flexgen.FastestMove) -> None:
+    limits, now = limits_of(given), measures(found.solution)
+    assert found.duration_s < 0.85 * found.default_s and found.excess <= KEPT
+    assert found.solution.status == "solved" and found.solution.tool_error_max_m < 1e-6
+    assert (now["torque"] <= 0.9 * np.array(limits.torque) * (1 + KEPT)).all()
+    assert (now["gear"] <= 0.9 * np.array(limits.gear_torque) * (1 + KEPT)).all()
+    assert (now["rate"] <= np.array(limits.torque_rate) * (1 + KEPT)).all()
+    assert (now["deflection"] <= np.array(limits.deflection) * (1 + KEPT)).all()
+    assert now["tool"][0] <= limits.tool_speed * (1 + 2e-3)  # by differences of a simulation
+    assert max(now["torque"] / (0.9 * np.array(limits.torque))) > 0.98  # and uses what it may
+    assert found.rigid_s < found.duration_s
+
+
+def test_the_program_with_its_laws_is_a_program_like_others(found: flexgen.FastestMove) -> None:
+    """The same path with the same speeds of the steps and the same pause."""
+    move = found.move
+    assert isinstance(move, flexgen.Program) and len(move.laws) == 3 and move.steps == THREE.steps
+    path = flexgen.plan("planar5_nmp", move)
+    assert path.duration == pytest.approx(found.duration_s, rel=1e-12)
+    _, second, third = path.segments
+    assert third.start - second.start - second.law.duration == pytest.approx(0.1, abs=1e-12)
+    t = second.start + np.linspace(0, second.law.duration, 4001)
+    x = path.sample(t).y
+    straight = np.abs(x[:, 1, 1]) < 1e-9
+    straight &= np.arange(len(t)) < 1000
+    assert np.linalg.norm(x[straight, :, 1], axis=1).max() <= 0.2 * (1 + 1e-3)
+    assert np.linalg.norm(x[:, :, 1], axis=1).max() > 0.3  # the second leg states none
+    ends = flexgen.plan("planar5_nmp", THREE)
+    assert np.allclose(path.sample([path.duration]).y[:, :, 0], ends.sample([ends.duration]).y[:, :, 0], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_effective_torques_connect_the_motions(given: dict[str, np.ndarray], found: flexgen.FastestMove) -> None:
+    """A bound halfway between those of the slow and the fast program; better than the fast one slowed down."""
+    fast = measures(found.solution)["rms"]
+    rms = tuple((given["rms"] + fast) / 2)
+    limits = limits_of(given, torque_rms=rms)
+    slower = flexgen.fastest("planar5_nmp", THREE, limits=limits, coefficients=8, progress=False)
+    now = measures(slower.solution)["rms"]
+    assert (now <= np.array(rms) * (1 + 2e-3)).all() and max(now / rms) > 0.98
+    assert found.duration_s < slower.duration_s < found.default_s and slower.excess <= KEPT
+    default = flexgen.solve("planar5_nmp", THREE, verify=False, progress=False)
+    path = Path(flexgen.derive("planar5_nmp"), THREE)
+    search = ProgramSearch(path, default, slower.limits, 8, lambda line: None)
+    simple = search._slow_enough([np.array(law) for law in found.move.laws])
+    assert slower.duration_s < search.duration(simple.x)
+
+
+def test_planted_errors_are_found(given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search that forgets the reserve, or its last check, exceeds a limit, and the figures of the solution say so."""
+    limits = limits_of(given)
+    monkeypatch.setattr(ProgramSearch, "_slow_down", lambda self, x: x)
+    short = THREE.steps[0], THREE.steps[-1]
+    move = replace(THREE, steps=short)
+    own = limits.without("tool_speed", "deflection")
+    kept = own.torque
+    forgot = flexgen.fastest("planar5_nmp", move, limits=replace(own, reserve=0.0), coefficients=4, progress=False)
+    now = np.abs(forgot.solution.trajectory["tau_m"]).max(axis=0)
+    assert (now > 0.9 * np.array(kept) * (1 + 5 * KEPT)).any()
+    solved = flexgen.solve("planar5_nmp", forgot.move, limits=replace(own, torque=None), verify=False, progress=False)
+    assert solved.status == "limits exceeded" and "gear torque" in " ".join(solved.warnings)
+
+
+def test_stated_speeds_of_steps_and_corners() -> None:
+    assert stated_speeds(THREE) == [(None,), (0.2, None), (None,)]
+    assert stated_speeds(flexgen.read("elbow").moves[0]) == [()]
+    path = Path(flexgen.derive("planar5_nmp"), THREE)
+    legs = legs_of(path)
+    assert [leg.segments[0].start for leg in legs] == [0.0, 0.0, 0.0]
+    speeds = StatedSpeeds.of(legs[1].segments[0], (0.2, None), 0.25)
+    assert speeds.s[0] == 0.0 and 0.09 < speeds.s[-1] < 0.16 and np.isclose(speeds.most, 0.2, rtol=1e-6).all()
+    law = legs[1].segments[0].law
+    t = np.linspace(0, law.duration, 20001)
+    s, rate = law(t, 1).T
+    assert np.isclose(speeds.parts(law).max(), rate[s <= speeds.s[-1]].max() / 0.2, rtol=1e-3)
+    assert not len(StatedSpeeds.of(legs[0].segments[0], (None,), 0.25).parts(law))
+
+
+def test_what_no_program_can_do_is_refused(given: dict[str, np.ndarray]) -> None:
+    with pytest.raises(ArgumentError, match="vibration: given for the program three, expected a single move"):
+        flexgen.fastest("planar5_nmp", THREE, vibration=1e-3, progress=False)
+    with pytest.raises(ArgumentError, match="laws 1, expected none, or 3, one for each motion from rest to rest"):
+        flexgen.plan("planar5_nmp", replace(THREE, laws=((1.0, 0.5),)))
+    weak = limits_of(given, torque_rms=tuple(0.3 * given["rms"]))
+    move = replace(THREE, steps=(THREE.steps[0], THREE.steps[-1]))
+    with pytest.raises(SolverError, match="effective torques cannot be kept in this program at any speed"):
+        flexgen.fastest("planar5_nmp", move, limits=weak, coefficients=4, progress=False)
+
+
+@pytest.mark.slow
+def test_six_axes_keep_all_limits_of_their_model_file() -> None:
+    """Ten motions of manutec_r3_18 with every kind of limit."""
+    from programs_of_moves import ten_motions
+
+    model, move = ten_motions()
+    found = flexgen.fastest(model, move, progress=False)
+    t = found.solution.trajectory
+    assert found.excess <= KEPT and found.duration_s < 0.8 * found.default_s
+    assert found.solution.status in ("solved", "limits exceeded") and found.solution.tool_error_max_m < 1e-6
+    for motor, tau, v in zip(model.motors, t["tau_m"].T, t["v_m"].T, strict=True):
+        speeds, torques = np.array(motor.torque_speed).T
+        assert (np.abs(tau) <= np.interp(np.abs(v), speeds, torques) * (1 + KEPT)).all()
+        assert np.abs(tau).max() <= motor.torque_max * (1 + KEPT)
+        assert np.sqrt(np.mean(tau**2)) <= motor.torque_rms_max * (1 + 2e-3)
+    assert not [text for text in found.solution.warnings if "coordinate" not in text]
