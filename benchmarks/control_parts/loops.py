@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterable
 
@@ -107,6 +108,30 @@ def learning(names: Iterable[str]) -> str:
     return table(
         ("model", "robot", "Q, Hz", "largest error of iterations 0, 1, ..., mm", "best", "s an iteration"), rows
     )
+
+
+def programs() -> str:
+    """The fastest time laws of a program of ten motions with limits of every kind and a tenth of the torques left."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
+    from programs_of_moves import ten_motions
+
+    model, move = ten_motions()
+    began = time.perf_counter()
+    found = flexgen.fastest(model, move, limits=Limits(reserve=0.1), progress=False)
+    seconds = time.perf_counter() - began
+    times = [f"{found.default_s:.3f}", f"{found.duration_s:.3f}", f"{found.rigid_s:.3f}"]
+    row = (model.name, len(found.move.laws), *times, f"{found.excess:.0e}", found.inversions, f"{found.cpu_s:.0f}")
+    head = (
+        "model",
+        "motions",
+        "given, s",
+        "fastest, s",
+        "rigid bound, s",
+        "excess",
+        "inversions",
+        "search, processor s",
+    )
+    return table((*head, "all, s"), [(*row, f"{seconds:.0f}")])
 
 
 def fastest(names: Iterable[str]) -> str:
