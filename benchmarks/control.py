@@ -21,8 +21,8 @@ from flexgen.benchmarks.leaderboard import find_shipped_controllers
 TARGET = Path(__file__).with_suffix(".md")
 ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24")
 PROGRAM = (
-    "Ten motions with limits of torque, its rate, root mean square and curve over the speed, of gears, bearings and the "
-    "tool; a tenth of the torques is left for feedback. The whole includes the verification by simulation."
+    "Ten motions with limits of torque, its rate, root mean square and curve over the speed, of gears, bearings and "
+    "the tool; a tenth of the torques is left for feedback. The whole includes the verification by simulation."
 )
 LOOPS = "One robot, P-PI in C at 0.5 ms, no noise; for comparison a proportional controller as an object of Python."
 

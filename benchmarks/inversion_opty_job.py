@@ -10,7 +10,7 @@ import sympy as sp
 from flexgen.equations_text.equations import symbolic
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
-from flexgen.model.output_columns import output_labels
+from flexgen.mechanics.output_columns import output_labels
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 

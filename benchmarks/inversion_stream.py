@@ -13,7 +13,7 @@ from peers_builds import HERE, Builds
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.output_columns import output_labels
+from flexgen.mechanics.output_columns import output_labels
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 from flexgen.simulation.simulate import Simulation, simulate

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.inversion.model_library import library_with
 from flexgen.library.c_module import compile_module
+from flexgen.library.model_library import library_with
 from flexgen.mechanics.equations import derive
 from flexgen.numerics.evaluate import evaluate
 from flexgen.performance.smoother import acting

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexgen.analysis.analyze import Analysis
 from flexgen.errors import ArgumentError
-from flexgen.model.output_columns import output_labels, output_units
+from flexgen.mechanics.output_columns import output_labels, output_units
 
 
 def control_system(analysis: Analysis, units: bool = False) -> Any:

@@ -18,9 +18,9 @@ from flexgen.display import plain, short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.library.model_library import library_with
 from flexgen.mechanics.equations import Equations, derive, robot_of
+from flexgen.mechanics.output_columns import turn_angle
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
-from flexgen.model.output_columns import turn_angle
 from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.type_checks import checked_result, checked_types

@@ -12,7 +12,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations
-from flexgen.model.output_columns import output_units
+from flexgen.mechanics.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 
 BASELINES = ("rigid", "fjm", "quasistatic")

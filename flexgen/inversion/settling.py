@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexgen.inversion.problem import HELD, LAGS, LONGEST_SETTLING, InversionProblem
+from flexgen.mechanics.output_columns import output_units
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
-from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +13,9 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.limits import KEPT, Limits
+from flexgen.mechanics.output_columns import columns_in, unit_of
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
-from flexgen.model.output_columns import columns_in, unit_of
 from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.simulation.hold import TorqueCommand
@@ -339,7 +339,7 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
             if limit is not None and largest > limit * (1 + slack):
                 what = "torque" if channel == "tau_m" else "speed"
                 out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
-    out += exceeded_limits(robot, Limits().merged(robot).without("torque", "speed"), trajectory, slack)
+    out += exceeded_limits(robot, Limits().merge(robot).without("torque", "speed"), trajectory, slack)
     for i, coordinate in enumerate(robot.coordinates):
         dof = coordinate.dof
         if dof is None:
@@ -365,7 +365,21 @@ def exceeded_limits(robot: RobotModel, limits: Limits, trajectory: Trajectory, s
     from flexgen.mechanics.limit_use import uses_of_limits
 
     uses = uses_of_limits(robot, limits, trajectory.__getitem__, trajectory.time)
-    return tuple(use.exceeded() for use in uses if use.part > 1 + slack)
+    return tuple(use.warning() for use in uses if use.part > 1 + slack)
+
+
+def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Solution:
+    """The solution, "limits exceeded" where it is solved beyond limits of the model file that are not ignored.
+
+    Or beyond those of the ``given`` limits that the methods do not keep.
+    """
+    more = () if given is None else exceeded_limits(solution.model, given.without(*KEPT), solution.trajectory)
+    solution = replace(solution, warnings=tuple(dict.fromkeys((*solution.warnings, *more))))
+    if more and solution.status in (Status.SOLVED, Status.LIMITS_ACTIVE):
+        return replace(solution, status=Status.LIMITS_EXCEEDED)
+    if ignore or solution.status != Status.SOLVED or not limit_warnings(solution.model, solution.trajectory):
+        return solution
+    return replace(solution, status=Status.LIMITS_EXCEEDED)
 
 
 def has_kinks(robot: RobotModel) -> bool:

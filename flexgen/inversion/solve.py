@@ -18,15 +18,15 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
 from flexgen.inversion.problem import ACCURACY, HELD, INTERVALS, InversionProblem
 from flexgen.inversion.reached import BestSolution, stage_of
-from flexgen.inversion.solution import Solution, exceeded_limits, limit_warnings, relative_residual, residual_rows
+from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows, within_limits
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.limits import KEPT, Limits
+from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import hysteretic_joints
-from flexgen.model.output_columns import output_labels, output_units
 from flexgen.paths.path import find_move
 from flexgen.progress import Choice, reported
 from flexgen.registry import find_function, import_object
@@ -136,25 +136,11 @@ def solve(
         try:
             problem = _problem(model, move, fixed_joint, fastest, given)
             solution = with_hold(problem, _find_solution(problem, method, reached), controller)
-            solution = _within_limits(solution, problem.limits, ignore_limits or fastest)
+            solution = within_limits(solution, problem.limits, ignore_limits or fastest)
         except (Exception, KeyboardInterrupt) as error:
             solution = reached.finish(stage_of(error, deadline.interrupted), time_limit)
     solution = replace(solution, warnings=(*solution.warnings, *without_effect(solution.method, preview, mesh)))
     return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
-
-
-def _within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Solution:
-    """The solution, "limits exceeded" where it is solved beyond limits of the model file that are not ignored.
-
-    Or beyond those of the ``given`` limits that the methods do not keep.
-    """
-    more = () if given is None else exceeded_limits(solution.model, given.without(*KEPT), solution.trajectory)
-    solution = replace(solution, warnings=tuple(dict.fromkeys((*solution.warnings, *more))))
-    if more and solution.status in (Status.SOLVED, Status.LIMITS_ACTIVE):
-        return replace(solution, status=Status.LIMITS_EXCEEDED)
-    if ignore or solution.status != Status.SOLVED or not limit_warnings(solution.model, solution.trajectory):
-        return solution
-    return replace(solution, status=Status.LIMITS_EXCEEDED)
 
 
 def _problem(

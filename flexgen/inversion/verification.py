@@ -10,8 +10,8 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.output_columns import output_units, turn_angle
 from flexgen.mechanics.statics import reach
-from flexgen.model.output_columns import output_units, turn_angle
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation

@@ -33,9 +33,9 @@ from flexgen.loop.gains import motor_inertias
 from flexgen.loop.interface import Controller
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.equations import Equations, robot_of
+from flexgen.mechanics.output_columns import unit_of
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import refuse_hysteresis
-from flexgen.model.output_columns import unit_of
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
 from flexgen.type_checks import checked_class, checked_result, checked_types

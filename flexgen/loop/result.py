@@ -16,8 +16,8 @@ from flexgen.loop.margins import LoopAtPose, Margins, loops_at
 from flexgen.loop.plants import NOMINAL
 from flexgen.loop.reference import MotionReference
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.output_columns import columns_in, output_labels, output_units, turn_angle, unit_of
 from flexgen.model.elements import RobotModel
-from flexgen.model.output_columns import columns_in, output_labels, output_units, turn_angle, unit_of
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.accuracy import BAND, PathAccuracy, path_accuracy
 from flexgen.results import Result

@@ -24,9 +24,9 @@ from scipy.interpolate import make_interp_spline
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.output_columns import output_units
 from flexgen.mechanics.statics import hold_motors
 from flexgen.model.elements import BacklashSpring, Body, CubicSpring, Element, LinearSpring, RobotModel, Spring
-from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.trajectory import Trajectory

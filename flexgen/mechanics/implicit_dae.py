@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from flexgen.mechanics import dynamics
+from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.mechanics.system import System
-from flexgen.model.output_columns import output_labels, output_units
 from flexgen.type_checks import checked_result
 
 

@@ -65,7 +65,7 @@ class LimitUse:
             f"{100 * self.part:.1f} % of its limit {self.bound:.4g} {self.unit}"
         )
 
-    def exceeded(self) -> str:
+    def warning(self) -> str:
         """A warning, for a use above 100 %."""
         value, bound = (f"{x:.4g} {self.unit}" for x in (self.value, self.bound))
         return f"{self.name}: {self.quantity} {value} exceeds its limit {bound}"

@@ -163,7 +163,7 @@ class Limits:
                 out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))
         return cls(**out, reserve=reserve)
 
-    def merged(self, robot: RobotModel) -> Limits:
+    def merge(self, robot: RobotModel) -> Limits:
         """These limits, and those of the model file of the kinds that have no bounds here."""
         own = _of_model(robot)
         more = {one.name: getattr(own, one.name) for one in fields(self) if getattr(self, one.name) is None}
@@ -224,7 +224,7 @@ def _are_numbers(values: Any) -> bool:
 
 def _check_curve(curve: Any) -> None:
     """ArgumentError where points are not those of a torque that falls over the speed, faster and faster."""
-    from flexgen.model.format_devices import TORQUE_SPEED, is_torque_speed
+    from flexgen.spec.curve import TORQUE_SPEED, is_torque_speed
 
     try:
         points = np.array(curve, dtype=float)

@@ -22,8 +22,10 @@ from flexgen.model.friction import Hysteresis as Hysteresis
 from flexgen.model.friction import friction_key as friction_key
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
+from flexgen.model.parts import Beam as Beam
+from flexgen.model.parts import Bending as Bending
+from flexgen.model.parts import Tolerances
 from flexgen.model.sensors import Sensor
-from flexgen.model.tolerances import Tolerances
 from flexgen.type_checks import checked_result, checked_types
 
 Vector = tuple[float, ...]
@@ -166,29 +168,6 @@ class Body:
     com: Vector = ZERO
     inertia: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     rotational_drag: float = 0.0
-
-
-@dataclass(frozen=True)
-class Bending:
-    """Bending of a beam in one direction (``"y"`` or ``"z"``): flexural stiffness EI [N m^2], modes, damping ratio."""
-
-    direction: str
-    stiffness: float
-    modes: int
-    damping_ratio: float
-
-
-@dataclass(frozen=True)
-class Beam:
-    """A slender elastic link along the x axis of its body's frame, clamped at the origin (Euler-Bernoulli).
-
-    Its deflection is a sum of clamped-free modes; each modal coordinate (tip deflection of the mode [m]) is a
-    non-actuated coordinate. Foreshortening is neglected. ``length`` [m], ``mass_per_length`` [kg/m].
-    """
-
-    length: float
-    mass_per_length: float
-    bendings: tuple[Bending, ...]
 
 
 @dataclass(frozen=True)

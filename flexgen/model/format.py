@@ -11,7 +11,7 @@ from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placeme
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
-from flexgen.model.tolerances import KINDS, Tolerances
+from flexgen.model.parts import KINDS, Tolerances
 from flexgen.spec.keys import (
     Context,
     Format,

@@ -28,10 +28,6 @@ from flexgen.spec.keys import (
 from flexgen.spec.tables import LARGEST, Table, closest
 
 MOST = 64  # sensors
-TORQUE_SPEED = (
-    "two or more points [speed, torque] of the largest torque over the speed: the speed rises from 0, the torque "
-    "falls, and falls faster from point to point"
-)
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -89,32 +85,15 @@ def _check_rms(table: Table, here: Context) -> None:
         raise table.fail("thermal_time", "torque_rms_max in addition to a thermal_time")
 
 
-def is_torque_speed(points: np.ndarray) -> bool:
-    """Whether points (n, 2) bound a convex region: speeds rise from 0, torques fall, and fall faster and faster."""
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
-        return False
-    speeds, torques = np.diff(points, axis=0).T
-    if points[0, 0] != 0.0 or points[0, 1] <= 0.0 or points[-1, 1] < 0.0 or not (speeds > 0.0).all():
-        return False
-    rates = torques / speeds
-    return bool((rates <= 0.0).all() and (np.diff(rates) <= 1e-9 * np.abs(rates).max()).all())
-
-
 def _read_curve(table: Table, key: Key, here: Context) -> tuple[tuple[float, float], ...]:
-    entries = table.entries[key.name].value
-    rows = [one.value for one in entries] if isinstance(entries, list) else []
-    pairs = [[x.value for x in row] if isinstance(row, list) else [] for row in rows]
-    if not all(len(pair) == 2 and all(type(x) in (int, float) for x in pair) for pair in pairs):
-        raise table.fail(key.name, TORQUE_SPEED)
-    curve = np.array(pairs, dtype=float)
-    if not is_torque_speed(curve):
-        raise table.fail(key.name, TORQUE_SPEED)
-    return tuple((float(x), float(y)) for x, y in curve)
+    from flexgen.spec.curve import read_curve
+
+    return read_curve(table, key)
 
 
+_CURVE = Type(_read_curve, list_of(list_of({"type": "number"}, 2)) | {"minItems": 2})
 _POINTS = "largest torque over the speed, motor side: points from the speed 0 on that bound a convex region"
 _THERMAL = "time constant over which torque_rms_max holds, as of the winding"
-_CURVE = Type(_read_curve, list_of(list_of({"type": "number"}, 2)) | {"minItems": 2})
 _RATIO = Type(_read_ratio, {"anyOf": [number().schema, vector().schema]})
 MOTOR = Format(
     "motor",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
 from flexgen.paths.segments import Arc, Line, Segment, circle_through
 from flexgen.paths.time_laws import Clock, Law, SplineLaw, TimeLaw
-from flexgen.paths.timed_segments import Curve, JointMotion, TimedSegment, configuration_at_end, plan_law
+from flexgen.paths.timed_segments import Curve, JointMotion, PlannedMove, TimedSegment, configuration_at_end, plan_law
 
 if TYPE_CHECKING:
     from flexgen.inverse_kinematics.targets import Failure
@@ -35,17 +34,6 @@ def wrong(where: Where | None, name: str, key: str, given: object, expected: str
         return ArgumentError(f"{name}: given {key} {given}, expected {expected}")
     path, line = where.find(key)
     return ModelError(where.file, line, path, str(given), expected)
-
-
-@dataclass(frozen=True)
-class PlannedMove:
-    """A planned move of one model.
-
-    ``segments``: motions from rest to rest, in order; ``q_g`` (n_g): actuated coordinates at the start [rad or m].
-    """
-
-    segments: tuple[TimedSegment, ...]
-    q_g: np.ndarray
 
 
 def plan_move(reference: Reference, move: Move) -> PlannedMove:
@@ -359,8 +347,8 @@ class _Planner:
         if not program.steps:
             raise wrong(program.where, self.name, "step", "none", "one or more steps")
         stops = sum(step.zone == 0 for step in program.steps)
-        if program.laws and (len(program.laws) != stops or min(map(len, program.laws)) < 2):
-            expected = f"none, or {stops}, one for each motion from rest to rest: its duration and coefficients"
+        if program.laws and len(program.laws) != stops:
+            expected = f"none, or {stops}, one for each motion from rest to rest"
             raise wrong(program.where, self.name, "laws", len(program.laws), expected)
         segments: list[TimedSegment] = []
         q_g, time = self.q_g, 0.0
@@ -371,8 +359,8 @@ class _Planner:
             if step.zone > 0 and k + 1 < len(program.steps):
                 continue
             group = program.steps[first : k + 1]
-            law = program.laws[len(segments)] if program.laws else None
-            segment = self._group(program, group, first, q_g, position, R, time, law)
+            given = program.laws[len(segments)] if program.laws else None
+            segment = self._group(program, group, first, q_g, position, R, time, given)
             segments.append(segment)
             if limited or any(isinstance(x, MoveJ) or x.configuration for x in (*group, *program.steps[k + 1 :])):
                 q_g = configuration_at_end(self.reference, segment, q_g)

@@ -93,6 +93,17 @@ class JointMotion(Move):
     rule: str = ""
 
 
+@dataclass(frozen=True)
+class PlannedMove:
+    """A planned move of one model.
+
+    ``segments``: motions from rest to rest, in order; ``q_g`` (n_g): actuated coordinates at the start [rad or m].
+    """
+
+    segments: tuple[TimedSegment, ...]
+    q_g: np.ndarray
+
+
 def derivative_norms(space: str, x: np.ndarray, attitude: Attitude | None, radius: float) -> np.ndarray:
     """Norms (n, 5) of the derivatives 1 to 5 of a curve.
 

@@ -30,9 +30,9 @@ from flexgen.inversion.solution import Solution, format_size
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.output_columns import unit_of
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import refuse_hysteresis
-from flexgen.model.output_columns import unit_of
 from flexgen.paths.path import Path, check_range, find_move
 from flexgen.performance.program_time import ProgramSearch, legs_of
 from flexgen.performance.rigid_time import rigid_time
@@ -343,7 +343,7 @@ def _limits_of(robot: RobotModel, given: Limits | None, torque_rate: float | Non
 
     ``torque_rate``: a bound of the rates as a multiple of those of the ``default`` move.
     """
-    kept = (given or Limits()).merged(robot)
+    kept = (given or Limits()).merge(robot)
     tau, time = default.trajectory["tau_m"], default.trajectory.time
     torque, largest = kept.bounds("torque", robot.n_m), np.abs(tau).max(axis=0)
     kept = replace(kept, torque=tuple(map(float, np.where(np.isfinite(torque), torque, largest))))

@@ -258,7 +258,7 @@ class ProgramSearch:
         return steps
 
     # --- the whole program --------------------------------------------------------------------------------------------
-    def retimed(self, x: list[np.ndarray]) -> Path:
+    def retime(self, x: list[np.ndarray]) -> Path:
         """The path of the program with these time laws."""
         timed, start = copy.copy(self.path), 0.0
         segments = []
@@ -270,7 +270,7 @@ class ProgramSearch:
 
     def _excesses(self, x: list[np.ndarray]) -> list[float]:
         """Largest excess of an effective torque, and of the other limits of each motion, along the whole program."""
-        timed = self.retimed(x)
+        timed = self.retime(x)
         finest = min(float(part[0]) for part in x) / (FINER * SAMPLES)
         count = int(np.ceil(timed.duration / finest))
         found, tool = self.legs[0].invert(timed, timed.duration / count, MESH_S / FINER)

@@ -15,7 +15,7 @@ from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.plants import LocalDynamics, plants_of
 from flexgen.loop.reference import hold_torques, time_grid
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.output_columns import columns_in, unit_of
+from flexgen.mechanics.output_columns import columns_in, unit_of
 from flexgen.numerics.evaluate import evaluate
 from flexgen.trajectory import Trajectory
 

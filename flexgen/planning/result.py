@@ -16,8 +16,8 @@ from flexgen.inversion.solution import Solution, limit_warnings, relative_residu
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import path_distance, plan_error
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.mechanics.statics import reach
-from flexgen.model.output_columns import output_labels, output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.nlp import NlpResult
 from flexgen.paths.path import Path

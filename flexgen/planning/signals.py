@@ -15,7 +15,7 @@ import casadi as ca
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
-from flexgen.model.output_columns import output_labels, output_units
+from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.recursion.functions import fast_function
 
 COMPARED = (ca.OP_LE, ca.OP_LT, ca.OP_EQ)

@@ -11,7 +11,7 @@ from flexgen.benchmarks.draws import draws_of
 from flexgen.benchmarks.score import Score
 from flexgen.benchmarks.tune import TuningResult
 from flexgen.loop.result import ControlRun
-from flexgen.model.output_columns import output_units
+from flexgen.mechanics.output_columns import output_units
 from flexgen.performance.learn import LearningResult
 from flexgen.plots import canvas as cv
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from flexgen.model.output_columns import output_labels, output_units
+from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.paths.path import Path
 from flexgen.performance.minimum_time import FastestMove
 from flexgen.plots import canvas as cv

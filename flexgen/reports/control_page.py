@@ -10,7 +10,7 @@ import numpy as np
 from flexgen.benchmarks.score import Score
 from flexgen.loop.plants import NOMINAL
 from flexgen.loop.result import UNITS, ControlRun
-from flexgen.model.output_columns import columns_in
+from flexgen.mechanics.output_columns import columns_in
 from flexgen.performance.learn import LearningResult
 from flexgen.plots import control as plots
 from flexgen.reports.html import accuracy_tables, head, html_table, number

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = None) -> str:
     """Errors and torques of the robots, their loads, and the stability margins; ``margins``: where they are known."""
     from flexgen.loop.result import UNITS
-    from flexgen.model.output_columns import columns_in
+    from flexgen.mechanics.output_columns import columns_in
 
     units = [u for u in UNITS if columns_in(run.model, u)]
     rows = []

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.linalg import expm, schur
 
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.output_columns import output_units
 from flexgen.mechanics.outputs import output_map
-from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.growth import Linearized, Motion
 

@@ -29,9 +29,9 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.output_columns import output_labels, output_units, turn_angle
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
-from flexgen.model.output_columns import output_labels, output_units, turn_angle
 from flexgen.numerics.evaluate import evaluate
 from flexgen.progress import Choice, reported
 from flexgen.simulation.hold import SAME, TorqueCommand, command_in

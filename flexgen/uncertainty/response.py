@@ -177,7 +177,7 @@ def _changes(
 
 def _output_rows(equations: Equations, q_a: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """Rows from deviations to errors of the output, (k, rows, n), and their units."""
-    from flexgen.model.output_columns import output_units
+    from flexgen.mechanics.output_columns import output_units
 
     model = equations.model
     units = output_units(model)

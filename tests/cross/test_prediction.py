@@ -14,7 +14,7 @@ import pytest
 
 import flexgen
 from flexgen.mechanics.equations import derive
-from flexgen.model.tolerances import Tolerances
+from flexgen.model.parts import Tolerances
 from flexgen.uncertainty.sources import WEAK
 
 ROBOTS = 200

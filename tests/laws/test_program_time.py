@@ -105,7 +105,7 @@ def test_the_program_with_its_laws_is_a_program_like_others(found: flexgen.Faste
 
 @pytest.mark.slow
 def test_effective_torques_connect_the_motions(given: dict[str, np.ndarray], found: flexgen.FastestMove) -> None:
-    """A bound halfway between those of the slow and the fast program; better than the fast one slowed down."""
+    """A bound in the middle between those of the slow and the fast program; better than the fast one slowed down."""
     fast = measures(found.solution)["rms"]
     rms = tuple((given["rms"] + fast) / 2)
     limits = limits_of(given, torque_rms=rms)

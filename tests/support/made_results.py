@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.output_columns import output_labels
+from flexgen.mechanics.output_columns import output_labels
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 

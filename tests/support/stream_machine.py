@@ -9,8 +9,8 @@ from emitted import paths_library
 
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.output_columns import output_labels
 from flexgen.model.elements import RobotModel
-from flexgen.model.output_columns import output_labels
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 from flexgen.runtime.stream import Interval, Stream

@@ -22,6 +22,7 @@ from scipy.integrate._ivp import dop853_coefficients as dop853
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from flexgen.mechanics.output_columns import output_units
 from flexgen.model.elements import (
     BacklashSpring,
     CubicSpring,
@@ -32,7 +33,6 @@ from flexgen.model.elements import (
     SmoothSpring,
     Spring,
 )
-from flexgen.model.output_columns import output_units
 from flexgen.trajectory import Trajectory
 
 RTOL, ATOL = 1e-11, 1e-13

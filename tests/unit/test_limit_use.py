@@ -1,4 +1,4 @@
-"""Uses of limits against numbers by hand, bounds that are no bounds, and keys of the model file."""
+"""Uses of limits against numbers by hand, bounds that are refused, and keys of the model file."""
 
 from __future__ import annotations
 

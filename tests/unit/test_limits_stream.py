@@ -24,7 +24,7 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
 from flexgen.library import model_library as built
 from flexgen.library.compiler import find_compiler
-from flexgen.model.output_columns import output_labels
+from flexgen.mechanics.output_columns import output_labels
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.runtime.stream import Interval

@@ -23,9 +23,9 @@ from flexgen.inverse_kinematics.search import _Solver
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.mechanics import statics
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.output_columns import columns_in, output_labels, output_units, unit_of
 from flexgen.model import format_robot, overlay, urdf
 from flexgen.model.elements import Beam, Bending, Body, Dof, Element, Placement, coordinates_of
-from flexgen.model.output_columns import columns_in, output_labels, output_units, unit_of
 from flexgen.runtime import files
 from flexgen.spec import keys, number_edit, tables, toml_lines
 

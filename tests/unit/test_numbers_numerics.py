@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from flexgen.errors import SolverError
-from flexgen.model.output_columns import turn_angle
+from flexgen.mechanics.output_columns import turn_angle
 from flexgen.numerics import nlp, trust_region
 from flexgen.numerics.evaluate import Evaluator, _is_dense, evaluate
 from flexgen.numerics.riccati import riccati
