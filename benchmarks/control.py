@@ -20,10 +20,6 @@ from flexgen.benchmarks.leaderboard import find_shipped_controllers
 
 TARGET = Path(__file__).with_suffix(".md")
 ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24")
-PROGRAM = (
-    "Ten motions with limits of torque, its rate, root mean square and curve over the speed, of gears, bearings and "
-    "the tool; a tenth of the torques is left for feedback. The whole includes the verification by simulation."
-)
 LOOPS = "One robot, P-PI in C at 0.5 ms, no noise; for comparison a proportional controller as an object of Python."
 
 
@@ -123,7 +119,7 @@ def main() -> None:
     learned = "P-PI at 1 ms, noise of the motor angles 1e-4 rad; largest error, at rest included."
     names = list(SIZES)[:2] if quick else list(SIZES)
     if "--programs" in sys.argv:
-        TARGET.write_text(replaced(TARGET.read_text(), [f"## Minimum time of a program\n\n{PROGRAM}\n\n{programs()}"]))
+        TARGET.write_text(replaced(TARGET.read_text(), [programs()]))
         return
     if "--loops" in sys.argv:
         TARGET.write_text(replaced(TARGET.read_text(), [f"## Speed of the loop\n\n{LOOPS}\n\n{loops(names)}"]))
@@ -136,7 +132,7 @@ def main() -> None:
         f"## Learning\n\n{learned}\n\n{learning(robots)}",
         "## Minimum time\n\nThe first move of each model within the largest torques of its given law.\n\n"
         + fastest(robots),
-        *([] if quick else [f"## Minimum time of a program\n\n{PROGRAM}\n\n{programs()}"]),
+        *([] if quick else [programs()]),
         *differing(quick),
         *observers(robots),
     ]

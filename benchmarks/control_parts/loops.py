@@ -111,6 +111,12 @@ def learning(names: Iterable[str]) -> str:
     )
 
 
+PROGRAM = (
+    "Ten motions with limits of torque, its rate, root mean square and curve over the speed, of gears, bearings and "
+    "the tool; a tenth of the torques is left for feedback. The whole includes the verification by simulation."
+)
+
+
 def programs() -> str:
     """The fastest time laws of a program of ten motions with limits of every kind and a tenth of the torques left."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
@@ -132,7 +138,8 @@ def programs() -> str:
         "inversions",
         "search, processor s",
     )
-    return table((*head, "all, s"), [(*row, f"{seconds:.0f}")])
+    found_table = table((*head, "all, s"), [(*row, f"{seconds:.0f}")])
+    return f"## Minimum time of a program\n\n{PROGRAM}\n\n{found_table}"
 
 
 def fastest(names: Iterable[str]) -> str:
