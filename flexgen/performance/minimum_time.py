@@ -33,6 +33,7 @@ from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.output_columns import unit_of
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import refuse_hysteresis
+from flexgen.model.moves import Program
 from flexgen.paths.path import Path, check_range, find_move
 from flexgen.performance.program_time import ProgramSearch, legs_of
 from flexgen.performance.rigid_time import rigid_time
@@ -292,7 +293,7 @@ def _find_fastest(
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
     path = Path(derive(robot), find_move(robot, move))
-    several = len(path.segments) > 1
+    several = isinstance(path.move, Program)
     default = solve(robot, path.move, verify=not several, progress=progress if callable(progress) else None)
     check_range(path)
     kept = _limits_of(robot, limits, torque_rate, default)
@@ -325,7 +326,7 @@ def _find_fastest(
         limits=kept,
         duration_s=timed.duration,
         default_s=path.duration,
-        rigid_s=sum(rigid) + (pauses if len(rigid) > 1 else 0.0),
+        rigid_s=sum(rigid) + (pauses if several else 0.0),
         vibration=new,
         default_vibration=given,
         excess=search.excess(x),

@@ -150,7 +150,7 @@ def test_random_robots(case):
 
 @pytest.mark.slow
 @hypothesis.given(cases())
-@hypothesis.settings(max_examples=40, deadline=None, derandomize=True)
+@hypothesis.settings(max_examples=20, deadline=None, derandomize=True)
 def test_many_random_robots(case):
     check_all(case)
 

@@ -23,7 +23,7 @@ from flexgen.recursion import dh_chain
 from flexgen.recursion.functions import _BUILDERS, arm_of, recursive_function
 
 ROOT = Path(__file__).resolve().parents[2]
-SAMPLE, ALL = 2, 40
+SAMPLE, MORE, ALL = 2, 10, 40
 LARGEST = 1e-10  # of the largest entry of a result: recursion against Lagrange
 STATE = ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
 
@@ -63,6 +63,11 @@ def test_functions_of_a_sample_of_random_trees_agree():
 
 
 @pytest.mark.slow
+def test_functions_of_more_random_trees_agree():
+    on_trees(check_tree, MORE, start=1)
+
+
+@pytest.mark.full
 def test_functions_of_forty_random_trees_agree():
     on_trees(check_tree, ALL, start=1)
 

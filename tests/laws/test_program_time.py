@@ -161,7 +161,7 @@ def test_what_no_program_can_do_is_refused(given: dict[str, np.ndarray]) -> None
         flexgen.fastest("planar5_nmp", move, limits=weak, coefficients=4, progress=False)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_six_axes_keep_all_limits_of_their_model_file() -> None:
     """Ten motions of manutec_r3_18 with every kind of limit."""
     from programs_of_moves import ten_motions
@@ -177,3 +177,11 @@ def test_six_axes_keep_all_limits_of_their_model_file() -> None:
         assert np.abs(tau).max() <= motor.torque_max * (1 + KEPT)
         assert np.sqrt(np.mean(tau**2)) <= motor.torque_rms_max * (1 + 2e-3)
     assert not [text for text in found.solution.warnings if "coordinate" not in text]
+
+
+def test_a_program_of_one_motion_gets_its_law_too(given: dict[str, np.ndarray]) -> None:
+    move = replace(THREE, steps=(flexgen.MoveJ((0.5, -1.3)),))
+    own = Limits(torque=tuple(1.3 * given["torque"]))
+    found = flexgen.fastest("planar5_nmp", move, limits=own, coefficients=4, progress=False)
+    assert found.duration_s < found.default_s and len(found.move.laws) == 1
+    assert found.solution.trajectory.time[-1] < found.default.trajectory.time[-1]

@@ -140,6 +140,7 @@ FULL_CASES = {
     "client/test_notebooks.py": {"benchmark_f", "feedback_study", "identify", "learning"},
     "client/test_instruction_sets.py": {"beam_arm", "elbow"},
     "client/test_product.py": {"planar5_nmp-double", "four_mass-single", "elbow-clang--O2", "planar5_nmp-clang--O2"},
+    "cross/test_cuda_kernels.py": {"elbow-single"},
     "cross/test_inversion_accuracy.py": {"manutec_r3_30", "kr300_efjm"},
     "cross/test_mujoco_export.py": {"simplified", "complete"},
     "cross/test_urdf_export.py": {"simplified", "complete"},
@@ -154,7 +155,7 @@ FULL_CASES = {
     "laws/test_claimed_errors.py": {"manutec_r3_24"},
     "laws/test_sensors.py": {"manutec_r3_30"},
     "unit/test_codegen.py": {"manutec_r3_18", "manutec_r3_24", "planar5_mp", "planar5_soft"},
-    "unit/test_time_limit.py": {"kunkel-mehrmann"},
+    "unit/test_time_limit.py": {"kunkel-mehrmann", "reduced", "bdf"},
 }
 OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_MODELS
 
