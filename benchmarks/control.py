@@ -105,7 +105,8 @@ def replaced(text: str, sections: Iterable[str]) -> str:
 
 def main() -> None:
     """Write the page; ``--observers``, ``--robots``: only these sections."""
-    for option, sections in (("--observers", lambda: observers(ROBOTS)), ("--robots", lambda: differing(False))):
+    parts = {"--observers": lambda: observers(ROBOTS), "--robots": lambda: differing(False)}
+    for option, sections in {**parts, "--programs": lambda: [programs()]}.items():
         if option in sys.argv:
             TARGET.write_text(replaced(TARGET.read_text(), sections()))
             return
@@ -118,9 +119,6 @@ def main() -> None:
     )
     learned = "P-PI at 1 ms, noise of the motor angles 1e-4 rad; largest error, at rest included."
     names = list(SIZES)[:2] if quick else list(SIZES)
-    if "--programs" in sys.argv:
-        TARGET.write_text(replaced(TARGET.read_text(), [programs()]))
-        return
     if "--loops" in sys.argv:
         TARGET.write_text(replaced(TARGET.read_text(), [f"## Speed of the loop\n\n{LOOPS}\n\n{loops(names)}"]))
         return
