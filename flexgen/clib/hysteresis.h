@@ -242,9 +242,10 @@ static inline real part_to_rest(const branches *b, const quintics *q, const bran
 static inline int locate_reversals(
     branches *b, const quintics *q, const real *begin, const real *turned, real *at, branch_motion *m, real *space)
 {
-    gear_lanes low, high;
+    gear_lanes low, high, moved;
     int found = 0;
     for (int i = 0; i < GEARS; ++i) {
+        moved[i] = 2.0;
         low[i] = at[i] = begin[i];
         high[i] = turned[i] > 0.0 ? 1.0 : begin[i];
         if (turned[i] > 0.0) {
@@ -255,7 +256,7 @@ static inline int locate_reversals(
         found = 1;
         for (int i = 0; i < GEARS; ++i) {
             real next;
-            if (!(turned[i] > 0.0)) {
+            if (!(turned[i] > 0.0 && moved[i] > least_part)) {
                 continue;
             }
             if (m->forward[i] > 0.0) {
@@ -264,10 +265,11 @@ static inline int locate_reversals(
                 high[i] = at[i];
             }
             next = at[i] + part_to_rest(b, q, m, at[i], i);
-            if (!(next >= low[i] && next <= high[i])) {
+            if (!(next >= low[i] && next <= high[i] && fabs_1(next - at[i]) <= 0.5 * moved[i])) { /* it may cycle */
                 next = 0.5 * (low[i] + high[i]);
             }
-            found = found && fabs_1(next - at[i]) <= least_part;
+            moved[i] = fabs_1(next - at[i]);
+            found = found && moved[i] <= least_part;
             at[i] = next;
         }
         for (int i = 0; i < GEARS; ++i) {
