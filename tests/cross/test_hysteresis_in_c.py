@@ -137,6 +137,18 @@ def test_streams_are_whole_paths(kind: str) -> None:
     assert stream_errors(model, library_of(model)) < 1e-8
 
 
+@pytest.mark.parametrize("intervals", [4, 24])
+def test_torques_that_are_not_smooth_do_not_end_a_stream(intervals: int) -> None:
+    """A horizon that is too short, and held torques beyond it: several reversals between two samples."""
+    model = elbow("undamped" if intervals == 4 else "damped")
+    move, (y, dy, ddy) = path_of(model, 5e-3, still=intervals)
+    stream = library_of(model).stream(
+        y[0], move.q_start, period=5e-3, intervals=intervals, samples_per_interval=2, hold="zoh", delay=3.5
+    )
+    for k in range(1, len(y)):
+        assert np.isfinite(stream.update(y[k], dy[k] * (-1.0) ** k, ddy[k] * (-1.0) ** k).tau_m).all()
+
+
 # --- planted errors ---------------------------------------------------------------------------------------------------
 
 PLANTED = {
