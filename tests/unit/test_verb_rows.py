@@ -44,6 +44,7 @@ OPTIONS = {
     ("identify", "truth"): "IdentificationResult.verdict",
     ("fastest", "torque"): "a field of Limits",
     ("fastest", "speed"): "a field of Limits",
+    ("fastest", "reserve"): "a field of Limits",
     ("calibrate", "prior"): "a field of Priors",
     ("calibrate", "add_poses"): "Calibration.propose_poses",
     ("calibrate", "world"): "Calibration.write",

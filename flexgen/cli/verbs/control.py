@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, throttle, with_files, written
@@ -92,7 +93,8 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
     model = read_model(args)
     own = {"torque": args.torque, "speed": args.speed}
     numbers: dict[str, Any] = {key: list(x) if len(x) > 1 else x[0] for key, x in own.items() if x is not None}
-    limits = Limits.from_model(model, **numbers) if numbers else None
+    limits = Limits.from_model(model, **numbers) if numbers else Limits()
+    limits = replace(limits, reserve=args.reserve or 0.0)
     found = search(model, limits=limits, **keywords(args), progress=throttle(log))
     solved = found.solution.status.value in ("solved", "limits exceeded")
     problem = "" if solved else f"the fastest move is {found.solution.status}"
