@@ -134,7 +134,8 @@ solve MODEL | solve:solve | solve
         no_verify: skip the verification by forward simulation
         preview S not_negative: longest time that the motion may start before the path [s]
         mesh S positive: length of the mesh intervals [s]
-        limits: enforce the limits of torque, speed and deflection of the model (methods lq, collocation, full)
+        limits: enforce the torque and speed limits of the model and those of deflections (methods lq, collocation,
+            full)
         accuracy X positive: largest accepted output error [m and rad]
         @ignore_limits
         @time
@@ -339,7 +340,7 @@ fastest MODEL | control:fastest | fastest
         torque X_... numbers: limits of the motor torques [N m], one for all or one for each; default: those of the
             model file, and where it has none the largest torque of the move as it is given
         speed X_... numbers: the same of the motor speeds [rad/s]
-        reserve PART not_negative: part of the torques that is left for feedback, below 1, such as 0.1; default: 0
+        reserve PART not_negative: part of the torques that is left for feedback, below 1, such as 0.1; default: none
         torque_rate X positive: bound of the rates of the torques, as a multiple of the largest one of the move as it is
             given
         against TEXT: '95 %': of the robots drawn from [uncertainty] 95 % keep the torque limits with motor feedback
