@@ -25,8 +25,10 @@ from flexgen.inversion.motor_side import INSTANT
 from flexgen.inversion.problem import STEP, gear_settling
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.statics import gear_damping
 from flexgen.model.elements import Friction, LinearSpring, RobotModel
+from flexgen.model.friction import hysteretic_joints
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw
 
@@ -69,6 +71,10 @@ def unfit(model: RobotModel) -> str:
     for friction in (*(c.dof.friction for c in model.coordinates if c.dof), *(m.friction for m in model.motors)):
         if type(friction) is not Friction:
             return f"model {model.name} has a friction law {type(friction).__name__}"
+    if joints := hysteretic_joints(model):
+        return f"model {model.name} has hysteresis in the gear of {joints[0]}"
+    if Limits().merge(model).without("torque", "speed") != Limits():
+        return f"model {model.name} has limits other than of motor torque and speed"
     if any(c.dof.counterbalance for c in model.coordinates if c.dof):
         return f"model {model.name} has a counterbalance"
     if any(element.body.rotational_drag for element in model.elements) or model.payload.rotational_drag:

@@ -141,6 +141,16 @@ def test_models_without_the_closed_form_are_refused() -> None:
         assert why in unfit(read(name))
         with pytest.raises(ArgumentError, match=r"use flexgen\.solve for each of them"):
             JointMoves(derive(name), law)
+    q1 = "element.upper.dof.q1.gear"
+    lossy = {f"{q1}.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5}}
+    for more, why in (
+        (lossy, "hysteresis in the gear of q1"),
+        ({f"{q1}.torque_max": 1.0}, "limits other than of motor"),
+    ):
+        model = read("elbow", overrides=more)
+        assert why in unfit(model)
+        with pytest.raises(ArgumentError, match=r"use flexgen\.solve for each of them"):
+            JointMoves(derive(model), law)
     stiff = with_gears(ELBOW, damping=1e-6)
     with pytest.raises(ArgumentError, match="time constant of"):
         JointMoves(derive(stiff), law)
@@ -259,3 +269,16 @@ def test_the_lag_is_of_sixth_order_and_exact_at_rest() -> None:
             constant, np.array([0.35])
         )
         assert np.abs(rest - 0.35).max() < 1e-15
+
+
+def test_a_sweep_of_a_model_with_hysteresis_is_that_of_solve() -> None:
+    """One by one, as batches do not know the gears: the largest torque is another one than without hysteresis."""
+    lossy = {"element.upper.dof.q1.gear.hysteresis": {"lost_motion": 3e-3, "stiffness": 7e6}}
+    found = []
+    for more in ({}, lossy):
+        robot = read("elbow", overrides=more)
+        row = sweep(Grid([robot], ["joints"], ["closed-form"], options={"verify": False}), workers=0).results
+        solved = flexgen.solve(robot, "joints", verify=False, progress=False)
+        found.append(float(row["torque_max"][0]))
+        assert found[-1] == pytest.approx(np.abs(solved.trajectory["tau_m"]).max(), rel=1e-6)
+    assert abs(found[1] / found[0] - 1.0) > 5e-4
