@@ -13,7 +13,7 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.limits import KEPT, Limits
+from flexgen.mechanics.limits import KEPT, Limits, limits_of_model
 from flexgen.mechanics.output_columns import columns_in, unit_of
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -339,7 +339,7 @@ def limit_warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]
             if limit is not None and largest > limit * (1 + slack):
                 what = "torque" if channel == "tau_m" else "speed"
                 out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
-    out += exceeded_limits(robot, Limits().merge(robot).without("torque", "speed"), trajectory, slack)
+    out += exceeded_limits(robot, limits_of_model(robot).without("torque", "speed"), trajectory, slack)
     for i, coordinate in enumerate(robot.coordinates):
         dof = coordinate.dof
         if dof is None:

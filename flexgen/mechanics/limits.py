@@ -146,7 +146,7 @@ class Limits:
         sizes = {"torque": robot.n_m, "speed": robot.n_m, "deflection": robot.n_e}
         given = {"torque": torque, "speed": speed, "deflection": deflection}
         if all(values is None for values in given.values()):
-            found = _of_model(robot)
+            found = limits_of_model(robot)
             if found == cls():
                 raise ArgumentError(
                     f"limits: model {robot.name} states none, expected torque_max or speed_max of a motor; add them to "
@@ -165,7 +165,7 @@ class Limits:
 
     def merge(self, robot: RobotModel) -> Limits:
         """These limits, and those of the model file of the kinds that have no bounds here."""
-        own = _of_model(robot)
+        own = limits_of_model(robot)
         more = {one.name: getattr(own, one.name) for one in fields(self) if getattr(self, one.name) is None}
         return replace(self, **more)
 
@@ -182,16 +182,20 @@ class Limits:
         return _bounds("deflection", self.deflection, n_e)
 
     def bounds(self, name: str, size: int) -> np.ndarray:
-        """Bounds of one kind (size,), infinite where there is none; ArgumentError where the sizes differ."""
+        """Bounds of one kind (size,), infinite where there is none; ArgumentError for another kind or number."""
+        if name not in EACH:
+            raise ArgumentError(f"limits: given kind {show_value(name)}, expected one of {', '.join(EACH)}")
         return _bounds(name, getattr(self, name), size)
 
     def without(self, *names: str) -> Limits:
         """These limits without the named kinds."""
+        if unknown := set(names) - {*EACH, "torque_speed", "tool_speed", "tool_acceleration"}:
+            raise ArgumentError(f"limits: given kinds {show_value(sorted(unknown))}, expected fields of flexgen.Limits")
         none: dict[str, Any] = dict.fromkeys(names)
         return replace(self, **none)
 
 
-def _of_model(robot: RobotModel) -> Limits:
+def limits_of_model(robot: RobotModel) -> Limits:
     """All limits of a model file but those of the joints."""
 
     def known(parts: Sequence[Any], name: str) -> Any:

@@ -19,6 +19,7 @@ from flexgen.paths.move_planner import plan_move
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timed_segments import TimedSegment
 from flexgen.results import Result
+from flexgen.spec.arguments import is_whole
 from flexgen.type_checks import checked_class, checked_types
 
 __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "find_move", "plan"]
@@ -112,10 +113,24 @@ class Path(Result):
     @checked_types(own=("t",))
     def sample(self, t: np.ndarray) -> PathSample:
         """The reference at the instants ``t`` [s], shape (n,); ArgumentError where they are none."""
-        return self.sample_orders(_instants(t), JET)
+        return self.sample_orders(t, JET)
 
+    @checked_types(own=("t", "count"))
     def sample_orders(self, t: np.ndarray, count: int) -> PathSample:
-        """The reference at the instants ``t`` [s], with its first ``count`` derivatives, from 0 on, of joint moves."""
+        """The reference at the instants ``t`` [s], (n,), of joint moves with ``count`` derivatives, from 0 on, 2 to 6.
+
+        Returns
+        -------
+        PathSample
+
+        Examples
+        --------
+        >>> flexgen.plan("elbow", "joints").sample_orders([0.0, 0.5], 3).y.shape
+        (2, 2, 3)
+        """
+        t = _instants(t)
+        if not is_whole(count, 2, JET):
+            raise ArgumentError(f"count: given {show_value(count)}, expected 2 to {JET} derivatives, from 0 on")
 
         def of(segment: TimedSegment, at: np.ndarray) -> PathSample:
             x, attitude = segment.at(at)

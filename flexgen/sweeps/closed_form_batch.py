@@ -25,7 +25,7 @@ from flexgen.inversion.motor_side import INSTANT
 from flexgen.inversion.problem import STEP, gear_settling
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
-from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.limits import Limits, limits_of_model
 from flexgen.mechanics.statics import gear_damping
 from flexgen.model.elements import Friction, LinearSpring, RobotModel
 from flexgen.model.friction import hysteretic_joints
@@ -73,7 +73,7 @@ def unfit(model: RobotModel) -> str:
             return f"model {model.name} has a friction law {type(friction).__name__}"
     if joints := hysteretic_joints(model):
         return f"model {model.name} has hysteresis in the gear of {joints[0]}"
-    if Limits().merge(model).without("torque", "speed") != Limits():
+    if limits_of_model(model).without("torque", "speed") != Limits():
         return f"model {model.name} has limits other than of motor torque and speed"
     if any(c.dof.counterbalance for c in model.coordinates if c.dof):
         return f"model {model.name} has a counterbalance"

@@ -254,7 +254,7 @@ def test_warnings_of_exceeded_limits_name_value_and_limit() -> None:
     robot = flexgen.read("urdf_arm")
     dof = dataclasses.replace(robot.coordinates[1].dof, lower=-0.5, upper=0.25, speed_max=2.0, acceleration_max=30.0)
     coordinates = (robot.coordinates[0], dataclasses.replace(robot.coordinates[1], dof=dof), *robot.coordinates[2:])
-    robot = Made(motors=robot.motors, coordinates=coordinates, n_m=3, n_a=4)
+    robot = Made(motors=robot.motors, coordinates=coordinates, n_m=3, n_a=4, i_e=(), tool=robot.tool)
     x = np.zeros((len(T), 4))
 
     def warned(limited: bool = False, **values: float) -> tuple[str, ...]:
