@@ -29,7 +29,8 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     refined = min(h / COARSEST, 1.0)
     step = problem.step
     if problem.mesh is None and problem.limits is None:
-        step = min(step, h / SAMPLED)  # on a finer mesh after the first one the torques are sampled more often too
+        if len(getattr(problem.path, "segments", ())) > 1:  # short motions of a program: sampled finer with the mesh
+            step = min(step, h / SAMPLED)
         h = min(h, max(problem.resolving, problem.step))
     if problem.force is not None:
         if problem.mesh is None:  # finer with the mesh that is asked for

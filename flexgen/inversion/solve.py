@@ -289,7 +289,7 @@ def _refine(
     h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if problem.mesh is None else float(problem.mesh)
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
     best, least, hidden = None, np.inf, False
-    for attempt in range(attempts + (RETRIES if attempts > 1 else 0)):
+    for attempt in range(attempts + (RETRIES if attempts > 1 and len(problem.path.segments) > 1 else 0)):
         last = attempt + 1 >= attempts
         if attempt >= attempts and not hidden:
             break
