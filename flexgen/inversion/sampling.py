@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from flexgen.runtime.path_inversion import Inversion
 
 SAMPLES = 900_000  # at most
-SAMPLED = 4  # samples of a torque an interval of the first mesh
+SAMPLED = 4  # samples of the torque in each interval of a program's mesh, at least
 COARSEST, PER_INTERVAL = 1e-2, 8  # s: the longest interval; samples of each with a force, under which motors reverse
 
 
@@ -29,7 +29,7 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     refined = min(h / COARSEST, 1.0)
     step = problem.step
     if problem.mesh is None and problem.limits is None:
-        if len(getattr(problem.path, "segments", ())) > 1:  # short motions of a program: sampled finer with the mesh
+        if len(problem.path.segments) > 1:  # motions of a program may be short: sampled finer with the mesh
             step = min(step, h / SAMPLED)
         h = min(h, max(problem.resolving, problem.step))
     if problem.force is not None:

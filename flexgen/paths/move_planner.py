@@ -347,9 +347,9 @@ class _Planner:
         if not program.steps:
             raise wrong(program.where, self.name, "step", "none", "one or more steps")
         stops = sum(step.zone == 0 for step in program.steps)
-        if program.laws and len(program.laws) != stops:
-            expected = f"none, or {stops}, one for each motion from rest to rest"
-            raise wrong(program.where, self.name, "laws", len(program.laws), expected)
+        if program.laws and (len(program.laws) != stops or min(map(len, program.laws)) < 2):
+            expected = f"none, or {stops}, one for each motion from rest to rest: its duration and coefficients"
+            raise wrong(program.where, self.name, "laws", program.laws, expected)
         segments: list[TimedSegment] = []
         q_g, time = self.q_g, 0.0
         position, R = self.reference.tool_pose(q_g)

@@ -39,7 +39,6 @@ from flexgen.performance.time_search import (
     SAMPLES,
     SHRINK,
     SMALLEST,
-    STEP,
     TRUST,
     TimeSearch,
     linear_program,
@@ -84,9 +83,9 @@ class ProgramSearch:
         self.path, self.limits, self.tell = path, limits, tell
         self.model, self.n = path.equations.model, coefficients
         self.connecting = Limits(**{name: getattr(limits, name) for name in CONNECTING})
-        single = limits.without(*CONNECTING)
+        self.single = limits.without(*CONNECTING)
         self.legs = [
-            TimeSearch(leg, default, single, None, coefficients, partial(self._tell_of, k), speeds)
+            TimeSearch(leg, default, self.single, None, coefficients, partial(self._tell_of, k), speeds)
             for k, (leg, speeds) in enumerate(zip(legs_of(path), stated_speeds(path.move), strict=True))
         ]
         ends = [segment.start + segment.law.duration for segment in path.segments]
@@ -181,11 +180,11 @@ class ProgramSearch:
 
     def _state(self, x: list[np.ndarray]) -> _State | None:
         """Everything at some time laws; None where one of them cannot be inverted."""
-        g = [leg._try(part) for leg, part in zip(self.legs, x, strict=True)]
+        g = [leg.try_constraints(part) for leg, part in zip(self.legs, x, strict=True)]
         known = [one for one in g if one is not None]
         if len(known) < len(g):
             return None
-        found = [leg._found for leg in self.legs]
+        found = [leg.found for leg in self.legs]
         return _State(x, known, found, self._effective(x, found))
 
     def _effective(self, x: list[np.ndarray], found: list[Inversion]) -> np.ndarray:
@@ -207,20 +206,11 @@ class ProgramSearch:
         own, connecting = [], []
         for k, leg in enumerate(self.legs):
             columns, means = [], []
-            for i in range(len(state.x[k])):
-                h = STEP * (state.x[k][0] if i == 0 else 1.0)
-                for step in (h, -h):
-                    moved = state.x[k] + step * (np.arange(len(state.x[k])) == i)
-                    g = leg._try(moved)
-                    if g is not None:
-                        break
-                if g is None:
-                    columns.append(np.zeros_like(state.g[k]))
-                    means.append(np.zeros_like(state.c))
-                    continue
+            for moved, step, g in leg.differences(state.x[k]):
                 x, found = list(state.x), list(state.found)
-                x[k], found[k] = moved, leg._found
-                columns.append((g - state.g[k]) / step)
+                if g is not None:
+                    x[k], found[k] = moved, leg.found
+                columns.append(np.zeros_like(state.g[k]) if g is None else (g - state.g[k]) / step)
                 means.append((self._effective(x, found) - state.c) / step)
             own.append(np.stack(columns, axis=1))
             connecting.append(np.stack(means, axis=1))
@@ -274,8 +264,9 @@ class ProgramSearch:
         finest = min(float(part[0]) for part in x) / (FINER * SAMPLES)
         count = int(np.ceil(timed.duration / finest))
         found, tool = self.legs[0].invert(timed, timed.duration / count, MESH_S / FINER)
-        rows = list(limit_rows(self.model, self.limits, partial(getattr, found), found.t, tool))
-        whole = [row for row in rows if row.quantity.startswith("effective")]
+        channel = partial(getattr, found)
+        rows = list(limit_rows(self.model, self.single, channel, found.t, tool))
+        whole = limit_rows(self.model, self.connecting, channel, found.t)
         starts = np.array([segment.start for segment in timed.segments])
         ends = starts + [float(part[0]) for part in x]
         between = (ends[:-1] + starts[1:]) / 2
@@ -283,8 +274,8 @@ class ProgramSearch:
         out = [max((_largest(row, slice(None)) for row in whole), default=0.0) - 1.0]
         for k, leg in enumerate(self.legs):
             inside = np.flatnonzero((found.t >= low[k]) & (found.t <= high[k]))
-            parts = [_largest(row, inside[inside < len(row.parts)]) for row in rows if row not in whole]
-            parts.append(float(leg._speeds.parts(timed.segments[k].law).max(initial=0.0)))
+            parts = [_largest(row, inside[inside < len(row.parts)]) for row in rows]
+            parts.append(float(leg.speeds.parts(timed.segments[k].law).max(initial=0.0)))
             out.append(max(parts) - 1.0)
         return out
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property, partial
 
@@ -70,7 +70,7 @@ class TimeSearch:
         self._reduction = Reduction(equations)
         before, after = InversionProblem(equations, path).windows
         self._before, self._after = before, min(after, AFTER_S)
-        self._speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
+        self.speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
         self.swings = vibration
         self.programs = self.inversions = 0
 
@@ -101,11 +101,11 @@ class TimeSearch:
         found, tool = self.invert(timed, timed.duration / (finer * SAMPLES), MESH_S / finer)
         every = np.arange(len(found.tau_m))  # the last check looks at all samples
         at = every if finer > 1 else self._instants(len(found.tau_m), found.n_pre)
-        values = [self._speeds.parts(timed.segments[0].law)]
+        values = [self.speeds.parts(timed.segments[0].law)]
         for row in limit_rows(self.model, self.limits, partial(getattr, found), found.t, tool):
             finite = np.isfinite(row.bounds).all(axis=0)
             values.append((row.parts if len(row.parts) == 1 else row.parts[at[at < len(row.parts)]])[:, finite].ravel())
-        self._found = found
+        self.found = found
         return np.concatenate(values)
 
     def invert(self, timed: Path, period: float, mesh: float) -> tuple[Inversion, Callable[[], ToolMotion]]:
@@ -137,7 +137,7 @@ class TimeSearch:
 
     def swing(self, x: np.ndarray) -> np.ndarray:
         """Vibration after the path of the last inversion over the allowed one (k,)."""
-        values = self._vibration(trajectory_of(self._found, 0.0, self.model.name), float(x[0]))
+        values = self._vibration(trajectory_of(self.found, 0.0, self.model.name), float(x[0]))
         return np.nan_to_num(values.ravel() / (self.swings or 1.0), nan=1e3)
 
     def _retime(self, x: np.ndarray) -> Path:
@@ -168,14 +168,14 @@ class TimeSearch:
         low, high = 0.0, 1.0
         for _ in range(HALVINGS):
             factor = (low + high) / 2
-            g = self._try(np.concatenate([[factor * x[0]], x[1:]]))
+            g = self.try_constraints(np.concatenate([[factor * x[0]], x[1:]]))
             low, high = (low, factor) if g is not None and np.abs(g).max() <= 1.0 else (factor, high)
         return np.concatenate([[high * x[0]], x[1:]])
 
     def run(self, first: np.ndarray | None = None) -> tuple[np.ndarray, list[float]]:
         """The best time law, and the duration after each step; ``first``: where to begin, default: `start`."""
         x = self.start() if first is None else first
-        g = self._try(x)
+        g = self.try_constraints(x)
         if g is None:
             raise SolverError("fastest: the first time law cannot be inverted; take another move")
         trust, idle, history = TRUST, 0, [float(x[0])]
@@ -194,7 +194,7 @@ class TimeSearch:
                 trust *= SHRINK
                 continue
             other = x + step
-            tried = self._try(other)
+            tried = self.try_constraints(other)
             gain = -np.inf if tried is None else merit(x, g) - merit(other, tried)
             if tried is not None and gain > 0:
                 x, g, G = other, tried, None
@@ -257,7 +257,7 @@ class TimeSearch:
                 step = self._calm_program(x, g, s, G, trust)
                 self.programs += 1
                 other = x + np.concatenate([[0.0], step])
-                tried = self._try(other)
+                tried = self.try_constraints(other)
                 if tried is not None:
                     swing = self.swing(other)
                     better = merit(tried, swing) < merit(g, s) - 1e-4
@@ -290,7 +290,8 @@ class TimeSearch:
         found = linprog(cost, A_ub=np.vstack(rows), b_ub=np.concatenate(right), bounds=bounds, method="highs")
         return np.zeros(n) if found.x is None else np.asarray(found.x[:n])
 
-    def _try(self, x: np.ndarray) -> np.ndarray | None:
+    def try_constraints(self, x: np.ndarray) -> np.ndarray | None:
+        """The `constraints`; None where the path with this time law has no finite inversion."""
         try:
             g = self.constraints(x)
         except FlexgenError:
@@ -299,15 +300,22 @@ class TimeSearch:
 
     def _slopes(self, x: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Derivatives of the constraints (k, 1 + n) by differences."""
-        columns = []
+        columns = [np.zeros_like(g) if moved is None else (moved - g) / step for _, step, moved in self.differences(x)]
+        return np.stack(columns, axis=1)
+
+    def differences(self, x: np.ndarray) -> Iterator[tuple[np.ndarray, float, np.ndarray | None]]:
+        """For each unknown the unknowns with this one changed, its step, and the constraints there or None.
+
+        `found` is the inversion there.
+        """
         for k in range(len(x)):
             h = STEP * (x[0] if k == 0 else 1.0)
             for step in (h, -h):
-                moved = self._try(x + step * (np.arange(len(x)) == k))
+                other = x + step * (np.arange(len(x)) == k)
+                moved = self.try_constraints(other)
                 if moved is not None:
                     break
-            columns.append(np.zeros_like(g) if moved is None else (moved - g) / step)
-        return np.stack(columns, axis=1)
+            yield other, step, moved
 
     def _program(self, x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float) -> np.ndarray | None:
         """The step of one linear program."""

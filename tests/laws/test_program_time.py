@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +12,11 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.limit_use import LimitRow, limit_rows
 from flexgen.mechanics.limits import Limits
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
+from flexgen.performance import program_time, time_search
 from flexgen.performance.program_time import ProgramSearch, legs_of
 from flexgen.performance.stated_speeds import StatedSpeeds, stated_speeds
 
@@ -120,18 +124,23 @@ def test_effective_torques_connect_the_motions(given: dict[str, np.ndarray], fou
     assert slower.duration_s < search.duration(simple.x)
 
 
-def test_planted_errors_are_found(given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
-    """A search that forgets the reserve, or its last check, exceeds a limit, and the figures of the solution say so."""
-    limits = limits_of(given)
-    monkeypatch.setattr(ProgramSearch, "_slow_down", lambda self, x: x)
-    short = THREE.steps[0], THREE.steps[-1]
-    move = replace(THREE, steps=short)
-    own = limits.without("tool_speed", "deflection")
-    kept = own.torque
-    forgot = flexgen.fastest("planar5_nmp", move, limits=replace(own, reserve=0.0), coefficients=4, progress=False)
-    now = np.abs(forgot.solution.trajectory["tau_m"]).max(axis=0)
-    assert (now > 0.9 * np.array(kept) * (1 + 5 * KEPT)).any()
-    solved = flexgen.solve("planar5_nmp", forgot.move, limits=replace(own, torque=None), verify=False, progress=False)
+@pytest.mark.parametrize("planted", ["reserve", "gears"])
+def test_planted_errors_are_found(planted: str, given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search that forgets the reserve, or the torques of the gears, exceeds a limit, and a solution says so."""
+    own = limits_of(given, torque=tuple(9.0 * given["torque"])).without("tool_speed", "deflection", "torque_rate")
+
+    def wrong_rows(model: Any, limits: Limits, *more: Any) -> Iterator[LimitRow]:
+        if planted == "reserve":
+            limits = replace(limits, reserve=0.0)
+        return (row for row in limit_rows(model, limits, *more) if planted != "gears" or row.quantity != "gear torque")
+
+    for module in (time_search, program_time):
+        monkeypatch.setattr(module, "limit_rows", wrong_rows)
+    move = replace(THREE, steps=(THREE.steps[0], THREE.steps[-1]))
+    found = flexgen.fastest("planar5_nmp", move, limits=own, coefficients=4, progress=False)
+    used = measures(found.solution)["gear"] / (0.9 * np.array(own.gear_torque))
+    assert found.excess <= KEPT and used.max() > 1.05
+    solved = flexgen.solve("planar5_nmp", found.move, limits=replace(own, torque=None), verify=False, progress=False)
     assert solved.status == "limits exceeded" and "gear torque" in " ".join(solved.warnings)
 
 
@@ -153,8 +162,9 @@ def test_stated_speeds_of_steps_and_corners() -> None:
 def test_what_no_program_can_do_is_refused(given: dict[str, np.ndarray]) -> None:
     with pytest.raises(ArgumentError, match="vibration: given for the program three, expected a single move"):
         flexgen.fastest("planar5_nmp", THREE, vibration=1e-3, progress=False)
-    with pytest.raises(ArgumentError, match="laws 1, expected none, or 3, one for each motion from rest to rest"):
-        flexgen.plan("planar5_nmp", replace(THREE, laws=((1.0, 0.5),)))
+    for laws in (((1.0, 0.5),), ((1.0, 0.5), (1.0, 0.5), ()), ((1.0, 0.5), (1.0,), (1.0, 0.5))):
+        with pytest.raises(ArgumentError, match=r"laws .*, expected none, or 3, one for each motion from rest to rest"):
+            flexgen.plan("planar5_nmp", replace(THREE, laws=laws))
     weak = limits_of(given, torque_rms=tuple(0.3 * given["rms"]))
     move = replace(THREE, steps=(THREE.steps[0], THREE.steps[-1]))
     with pytest.raises(SolverError, match="effective torques cannot be kept in this program at any speed"):

@@ -144,7 +144,7 @@ def made_problem(**values: Any) -> Any:
     """A problem of an elbow with the values that a mesh or a grid needs."""
     fixed: dict[str, Any] = {
         "equations": derive("elbow"),
-        "path": Made(duration=1.0),
+        "path": Made(duration=1.0, segments=(1,)),
         "windows": (0.1, 0.25),
         "mesh": None,
         "limits": None,
@@ -168,7 +168,7 @@ def made_problem(**values: Any) -> Any:
         ({"resolving": 0.004, "limits": ()}, 0.01, (1001, 1e-3, 10, 100, 250)),
         ({"preview": 0}, 0.01, (1001, 1e-3, 10, 0, 250)),
         ({"preview": 0.0333}, 0.01, (1001, 1e-3, 10, 34, 250)),
-        ({"path": Made(duration=0.0105)}, 0.01, (12, 0.0105 / 11, 10, 105, 262)),
+        ({"path": Made(duration=0.0105, segments=(1,))}, 0.01, (12, 0.0105 / 11, 10, 105, 262)),
         ({"step": 1.0, "mesh": 0.3}, 0.3, (5, 0.25, 1, 1, 1)),
         ({"step": 1e-6}, 0.01, (int(9e5 / 1.35) + 1, 1 / int(9e5 / 1.35), 6667, 66667, 166667)),
     ],
@@ -239,7 +239,7 @@ def test_windows_and_intervals_follow_from_the_zeros(monkeypatch: pytest.MonkeyP
 
 
 def test_baselines_are_sampled_until_the_motion_has_settled() -> None:
-    t = baselines._instants(made_problem(path=Made(duration=0.5), step=2e-3, windows=(0.3, 0.1001)))
+    t = baselines._instants(made_problem(path=Made(duration=0.5, segments=(1,)), step=2e-3, windows=(0.3, 0.1001)))
     assert t[0] == 0 and t[-1] == pytest.approx(0.6001) and len(t) == 302
     with pytest.raises(SolverError, match="the torque is not finite: a gear spring has no stiffness"):
         baselines._result(t, Made(), Made(tau_m=np.array([1.0, np.inf])))  # type: ignore[arg-type]

@@ -403,7 +403,10 @@ def test_slopes_of_the_search_are_differences_and_go_back_where_a_step_fails() -
     made = search(constraints=constraints)
     x = np.array([3.0, 0.5, 0.6])
     assert_allclose(made._slopes(x, G @ x), G, rtol=1e-9)
-    assert made._try(np.array([3.0, 0.6, 0.1])) is None and made._try(np.array([3.0, 0.1, 0.95])) is None
+    assert (
+        made.try_constraints(np.array([3.0, 0.6, 0.1])) is None
+        and made.try_constraints(np.array([3.0, 0.1, 0.95])) is None
+    )
     edge = np.array([3.0, 0.5, 2.0])
     assert not made._slopes(edge, np.ones(2)).any()
     assert made.excess(np.array([-1.0, 0.0, 0.0])) == 1.0
