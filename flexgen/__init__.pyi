@@ -63,8 +63,6 @@ from flexgen.loop.comparison import compare as compare
 from flexgen.loop.control import control as control
 from flexgen.loop.controllers import Cascade as Cascade
 from flexgen.loop.controllers import Linear as Linear
-from flexgen.loop.controllers import LowPass as LowPass
-from flexgen.loop.controllers import Notch as Notch
 from flexgen.loop.disturbances import Disturbance as Disturbance
 from flexgen.loop.gains import PID as PID
 from flexgen.loop.gains import PPI as PPI
@@ -115,6 +113,8 @@ from flexgen.planning.problem import plan_problem as plan_problem
 from flexgen.plausibility.check import check as check
 from flexgen.plausibility.finding import Check as Check
 from flexgen.plausibility.finding import Finding as Finding
+from flexgen.position_servo.filters import LowPass as LowPass
+from flexgen.position_servo.filters import Notch as Notch
 from flexgen.reports.view import view as view
 from flexgen.runtime.calls import Function as Function
 from flexgen.runtime.inverse_kinematics import InverseKinematics as InverseKinematics

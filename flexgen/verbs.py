@@ -291,8 +291,8 @@ control MODEL | control:control | control
         out FILE trajectory_file: write motion, torques and errors of the model to this file
 command-positions MODEL | | command_positions
     robot
-        servo FILE text: of the robot: ppi (proposed gains, the default) or a .toml file, such as that of 'flexgen
-            identify-servo --out'
+        servo FILE text: of the robot: ppi (proposed gains) or a .toml file, such as that of 'flexgen identify-servo
+            --out'; default: that of the model file, and ppi where it has none
         plants NAME:KEY=X,... plant several: another robot: {FACTORS}; such as soft:stiffness=0.8,payload=5; may be
             repeated
     interface
@@ -309,7 +309,8 @@ identify-servo MODEL | | identify_servo
     arguments
         <record> DATA: CSV file of commands and angles: time_s, then JOINT_command_deg and JOINT_deg of each joint
     servo
-        servo FILE text: where the search begins: ppi (proposed gains, the default) or a .toml file
+        servo FILE text: where the search begins: ppi (proposed gains) or a .toml file; default: that of the model
+            file
         interpolation in=linear/cubic/hold: of the robot between two positions; default: {default}
     files
         @page

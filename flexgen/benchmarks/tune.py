@@ -29,7 +29,8 @@ from flexgen.benchmarks.score import Score, draw_totals, reference_measures, rob
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.executors import with_executor
-from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
+from flexgen.loop.controllers import Cascade, Linear
+from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
 from flexgen.spec.arguments import seed_of

@@ -33,6 +33,7 @@ NEWER = (
     "Tool.speed_max",
     "Tool.acceleration_max",
     "Program.laws",
+    "RobotModel.servo",
 )  # left out where empty: digests from before there were these fields stay
 
 

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
+from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.gains import PPI
 from flexgen.loop.interface import PlugIn, PythonController
 from flexgen.loop.model_law import LinearDesign, ModelLaw
 from flexgen.loop.python_files import LIBRARIES, is_python, object_of_file
 from flexgen.model.format import MODEL
+from flexgen.position_servo.keys import FILTER_KEYS, gain_keys
 from flexgen.registry import extension, names
-from flexgen.spec.keys import Context, Format, Key, Kinds, Type, list_of, listed, number, of_class, read, vector
+from flexgen.spec.keys import Context, Format, Key, Kinds, Type, list_of, number, of_class, read, vector
 from flexgen.spec.tables import Table, file_bytes, file_table
 
 MOTORS = range(1, 65)  # how many there can be
@@ -58,27 +59,14 @@ def _maker(made: Any) -> Any:
     return make
 
 
-LOW_PASS, NOTCH = of_class(LowPass, "low-pass filter"), of_class(Notch, "notch filter")
-_FILTERS = tuple(
-    Key(name, listed(form, least=0, plural=False), f"{form.doc}s of the feedback torque", default=())
-    for name, form in (("low_pass", LOW_PASS), ("notch", NOTCH))
-)
-_GAINS = tuple(
-    Key(name, _GAIN, doc, unit)
-    for name, doc, unit in (
-        ("position_gain", "gain of the position control", "1/s"),
-        ("speed_gain", "gain of the speed control", "N m s/rad"),
-        ("integral_gain", "corner of the integral part", "1/s"),
-    )
-)
 _MATRIX = Type(_read_matrix, list_of(list_of(number().schema)))
 _MATRICES = tuple(Key(name, _MATRIX, "matrix, rows in brackets") for name in "DABC")
-_PPI = (*of_class(PPI).without("filters").keys, *_FILTERS)
+_PPI = (*of_class(PPI).without("filters").keys, *FILTER_KEYS)
 CONTROLLER = Kinds(
     "feedback of a closed loop",
     {
         "ppi": Format("P-PI cascade, by frequencies", _PPI, _maker(PPI)),
-        "cascade": Format("P-PI cascade, by gains of each motor", (*_GAINS, *_FILTERS), _maker(Cascade)),
+        "cascade": Format("P-PI cascade, by gains of each motor", (*gain_keys(_GAIN), *FILTER_KEYS), _maker(Cascade)),
         "linear": Format("matrices from `y_ref - y` to torques, sampled", _MATRICES, _maker(Linear)),
     },
     shared=(MODEL["description"],),

@@ -1,13 +1,9 @@
-"""Controllers of the loop, each in C and once more in Python, with the same operations in the same order.
-
-Filters are sections of order two, sampled by the bilinear transform with the frequency in place.
-"""
+"""Controllers of the loop, each in C and once more in Python, with the same operations in the same order."""
 
 from __future__ import annotations
 
 import ctypes
-import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,69 +14,11 @@ from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.library.c_module import c_module
 from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
-from flexgen.spec.arguments import check_positive, is_number, is_whole
-from flexgen.type_checks import checked_class, checked_types
+from flexgen.position_servo.filters import Filter
+from flexgen.spec.arguments import is_whole
+from flexgen.type_checks import checked_class
 
 SOURCE = Path(__file__).with_name("closed_loop.c")
-
-
-@checked_class
-@dataclass(frozen=True)
-class LowPass:
-    """``w^2 / (s^2 + 2 zeta w s + w^2)``; frequency [Hz], damping ratio.
-
-    Examples
-    --------
-    >>> b0, b1, b2, a1, a2 = flexgen.LowPass(150.0).section(sample_s=5e-4)
-    >>> round((b0 + b1 + b2) / (1.0 + a1 + a2), 9)  # at zero frequency
-    1.0
-    >>> law = flexgen.PPI(speed_hz=40.0, filters=(flexgen.LowPass(150.0),))
-    """
-
-    frequency_hz: float
-    damping: float = 0.7
-
-    def __post_init__(self) -> None:
-        _check_filter(self)
-
-    @checked_types(own=("sample_s",))
-    def section(self, sample_s: float) -> tuple[float, ...]:
-        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
-        return _bilinear((0.0, 0.0, 1.0), (1.0, 2 * self.damping, 1.0), self.frequency_hz, sample_s)
-
-
-@checked_class
-@dataclass(frozen=True)
-class Notch:
-    """``(s^2 + 2 zeta_n w s + w^2) / (s^2 + 2 zeta_d w s + w^2)``; frequency [Hz], damping ratios.
-
-    Examples
-    --------
-    >>> law = flexgen.PPI(position_hz=6.0, speed_hz=40.0, filters=(flexgen.Notch(25.0),))
-    >>> flexgen.control("elbow", controller=law).margins()["begin"].stable
-    True
-    """
-
-    frequency_hz: float
-    zero_damping: float = 0.1
-    pole_damping: float = 0.7
-
-    def __post_init__(self) -> None:
-        _check_filter(self)
-
-    @checked_types(own=("sample_s",))
-    def section(self, sample_s: float) -> tuple[float, ...]:
-        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
-        zeros, poles = (1.0, 2 * self.zero_damping, 1.0), (1.0, 2 * self.pole_damping, 1.0)
-        return _bilinear(zeros, poles, self.frequency_hz, sample_s)
-
-
-def _check_filter(of: LowPass | Notch) -> None:
-    for part in fields(of):
-        if not is_number(getattr(of, part.name)):
-            raise ArgumentError(
-                f"filter, {part.name}: given {show_value(getattr(of, part.name))}, expected a finite number"
-            )
 
 
 def _check_numbers(name: str, value: Any, dimensions: tuple[int, ...], what: str) -> None:
@@ -91,30 +29,6 @@ def _check_numbers(name: str, value: Any, dimensions: tuple[int, ...], what: str
         array = np.array(np.nan)
     if array.ndim not in dimensions or not np.isfinite(array).all():
         raise ArgumentError(f"controller, {name}: given {show_value(value)}, expected finite numbers, {what}")
-
-
-def _bilinear(
-    b: tuple[float, float, float], a: tuple[float, float, float], frequency_hz: float, sample_s: float
-) -> tuple[float, ...]:
-    """A filter in ``s/w``, highest power first, sampled such that its response at w stays."""
-    check_positive("sample_s", sample_s, "a time > 0 in s")
-    if not 0 < frequency_hz < 0.5 / sample_s:
-        raise ArgumentError(
-            f"filter: given {frequency_hz} Hz, expected more than 0 and less than {0.5 / sample_s:.4g} Hz, half the "
-            "sample rate"
-        )
-    c = 1.0 / math.tan(math.pi * frequency_hz * sample_s)
-
-    def sample(x: tuple[float, float, float]) -> tuple[float, float, float]:
-        return (
-            x[0] * c * c + x[1] * c + x[2], 2 * (x[2] - x[0] * c * c), x[0] * c * c - x[1] * c + x[2]
-        )  # fmt: skip
-
-    above, below = sample(b), sample(a)
-    return tuple(x / below[0] for x in (*above, *below[1:]))
-
-
-Filter = LowPass | Notch
 
 
 @checked_class

@@ -13,11 +13,12 @@ import numpy as np
 from flexgen.analysis import second_order
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.loop.controllers import Cascade, Filter
+from flexgen.loop.controllers import Cascade
 from flexgen.loop.plants import LocalDynamics, check_motion
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
+from flexgen.position_servo.filters import Filter
 from flexgen.simulation.motor_feedback import MULTIPLES, RIGID_HZ
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class

@@ -10,11 +10,12 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.loop.controller_files import file_controller, is_system, system_controller
-from flexgen.loop.controllers import Cascade, Linear, Notch
+from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.gains import PID, PPI, lowest_locked_hz
 from flexgen.loop.interface import Compiled, Controller, PlugIn, PythonController, Setup
 from flexgen.loop.model_law import LinearDesign, ModelLaw
 from flexgen.model.elements import RobotModel
+from flexgen.position_servo.filters import Notch
 from flexgen.registry import extension, names
 
 BUILT_IN = ("ppi", "ppi_notch", "none")

@@ -12,6 +12,7 @@ from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
 from flexgen.model.parts import KINDS, Tolerances
+from flexgen.registry import import_object
 from flexgen.spec.keys import (
     Context,
     Format,
@@ -191,6 +192,7 @@ MODEL = Format(
         Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
         Key("program", listed(PROGRAM, least=0), "sequences of steps", default=()),
         Key("uncertainty", sub(UNCERTAINTY), UNCERTAINTY.doc, default=None),
+        Key("servo", sub(lambda: import_object("flexgen.position_servo.keys:SERVO_TABLE")), "its servo", default=None),
     ),
 )
 PROGRAMS = Format("moves and programs of flexgen", (MODEL["move"], MODEL["program"]))
@@ -219,7 +221,6 @@ def _read_lock(table: Table, key: Key, here: Context) -> dict[str, float]:
     return dict.fromkeys(table.words(key.name), 0.0)
 
 
-NOTHING: dict[str, float] = {}
 _FIXED = "joints fixed at a position [rad or m]"
 _POSITION = number().schema | {"description": "position [rad or m]"}
 _LOCK = {"anyOf": [words().schema, {"type": "object", "additionalProperties": _POSITION}]}
@@ -231,7 +232,7 @@ URDF = Format(
         Key("base", text(), "the link that is the ground"),
         Key("tip", text(), "the link that carries the tool"),
         Key("branches", words(), "links at the ends of other branches", default=()),
-        Key("lock", Type(_read_lock, _LOCK), f"{_FIXED}, or a list of joints fixed at zero", default=NOTHING),
+        Key("lock", Type(_read_lock, _LOCK), f"{_FIXED}, or a list of joints fixed at zero", default={}),
         Key("drop", words(), "joints outside the chain, left out with all links behind them", default=()),
         _LIMITS,
         replace(_LIMITS, name="dynamics", doc="use the friction of the URDF file"),

@@ -22,7 +22,7 @@ from flexgen.loop.control import HOLD_S, Case, case_controller, control_case, ru
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.reference import MotionReference, motion_reference, time_grid
 from flexgen.loop.result import ControlRun
-from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
@@ -45,7 +45,7 @@ def command_positions(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
     *,
-    servo: Any = "ppi",
+    servo: Any = None,
     period: float = PERIOD_S,
     interpolation: Interpolation = "linear",
     speed: np.ndarray | None = None,
@@ -63,8 +63,9 @@ def command_positions(
     model : name, path, RobotModel or Equations
     move : str or Move, optional
         A move of the model file; default: its first.
-    servo : Servo, Cascade, PPI, or str
-        Of the robot: ``"ppi"`` (proposed gains, the default) or a TOML file, see `flexgen.Servo`.
+    servo : Servo, Cascade, PPI, or str, optional
+        Of the robot: ``"ppi"`` (proposed gains) or a TOML file, see `flexgen.Servo`; default: that of the model file,
+        and ``"ppi"`` where it has none.
     period : float [s]
         Of the interface: 0.004, 0.008, 0.012, ...
     interpolation : str
@@ -95,7 +96,7 @@ def command_positions(
     ('solved', True)
     """
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
-    own = servo_of(servo)
+    own = servo_of(servo, robot_of(model))
     _check_period(period, own)
     case = control_case(
         model, move, sample_time=own.sample_time, delay=own.delay, plants=plants, solution=solution,

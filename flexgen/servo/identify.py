@@ -51,7 +51,7 @@ def identify_servo(
     model: str | FilePath | RobotModel,
     record: ServoRecord | str | FilePath,
     *,
-    servo: Any = "ppi",
+    servo: Any = None,
     interpolation: Interpolation = "linear",
     progress: Choice = None,
 ) -> ServoFit:
@@ -63,8 +63,9 @@ def identify_servo(
         Inertias, frictions and springs as they are: `flexgen.identify` finds them.
     record : ServoRecord or str
         A move of the robot that begins at rest: a record, or its CSV file, see `flexgen.servo.record`.
-    servo : Servo, Cascade, PPI, or str
-        Where the search begins; its sample time, delay and torque filters stay.
+    servo : Servo, Cascade, PPI, or str, optional
+        Where the search begins; its sample time, delay and torque filters stay. Default: the servo of the model file,
+        and ``"ppi"`` where it has none.
     interpolation : str
         Of the robot between two commands: ``"linear"``, ``"cubic"`` or ``"hold"``.
     progress : callable or bool, optional
@@ -95,7 +96,7 @@ def identify_servo(
     if not isinstance(record, ServoRecord):
         record = ServoRecord.read(record, robot)
     _check_record(record, robot)
-    fit = _Fit.begin(robot, record, servo_of(servo), interpolation)
+    fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation)
     p, e, J = fit.start()
     weight = WEIGHT
     for step in range(STEPS):

@@ -17,7 +17,8 @@ from scipy.sparse import csc_matrix, diags_array
 from scipy.sparse.linalg import splu
 
 from flexgen.errors import ArgumentError
-from flexgen.loop.controllers import Cascade, Filter
+from flexgen.loop.controllers import Cascade
+from flexgen.position_servo.filters import Filter
 from flexgen.servo.servo import Servo
 
 ROUGH = 1e-9  # weight of the second differences of an inverted filter, relative

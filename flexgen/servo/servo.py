@@ -14,14 +14,12 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.controller_files import CONTROLLER
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import PPI
+from flexgen.model.elements import RobotModel
+from flexgen.position_servo.keys import FREQUENCIES, GAINS, MOST_FEEDFORWARD, OWN_KEYS, SAMPLE_S, SLOWEST, ServoTable
 from flexgen.spec.arguments import is_number
-from flexgen.spec.keys import Context, Format, Key, Kinds, number, read
+from flexgen.spec.keys import Context, Format, Kinds, read
 from flexgen.spec.tables import file_bytes, file_table
 from flexgen.type_checks import checked_class
-
-SAMPLE_S = 5e-4
-SLOWEST = 1.0  # s: sample time, delay and time constant of the reference filter, at most
-MOST_FEEDFORWARD = 2.0
 
 
 @checked_class
@@ -104,8 +102,10 @@ def filter_reference(servo: Servo, r: np.ndarray, gain: np.ndarray) -> np.ndarra
     return out + r[0]
 
 
-def servo_of(given: Any) -> Servo:
-    """The servo from what a user gives: a `Servo`, a `Cascade` or `PPI`, ``"ppi"`` or a file."""
+def servo_of(given: Any, model: RobotModel) -> Servo:
+    """The servo from what a user gives: a `Servo`, a `Cascade` or `PPI`, ``"ppi"`` or a file; None: of the model."""
+    if given is None:
+        return Servo(PPI()) if model.servo is None else _servo_of_table(model.servo)
     if isinstance(given, Servo):
         return given
     if isinstance(given, Cascade | PPI):
@@ -119,9 +119,17 @@ def servo_of(given: Any) -> Servo:
     )
 
 
+def _servo_of_table(table: ServoTable) -> Servo:
+    """The servo of a model file."""
+    hz: dict[str, Any] = {name: getattr(table, name) for name in FREQUENCIES}
+    gains: dict[str, Any] = {name: np.array(getattr(table, name)) for name in GAINS}
+    feedback = PPI(**hz, filters=table.filters) if table.type == "ppi" else Cascade(**gains, filters=table.filters)
+    return Servo(feedback, **{key.name: getattr(table, key.name) for key in OWN_KEYS})
+
+
 def _maker(form: Format) -> Any:
     """Makes a servo of the values of its table."""
-    own = {"speed_feedforward", "reference_filter_s", "sample_time", "delay"}
+    own = {key.name for key in OWN_KEYS}
 
     def make(**values: Any) -> Servo:
         feedback = form.make(**{name: value for name, value in values.items() if name not in own})
@@ -130,18 +138,10 @@ def _maker(form: Format) -> Any:
     return make
 
 
-_OWN = (
-    Key(
-        "speed_feedforward", number(least=0.0, most=MOST_FEEDFORWARD), "part of the speed of the reference", default=1.0
-    ),
-    Key("reference_filter_s", number(least=0.0, most=SLOWEST), "filter of the reference, time constant", "s", 0.0),
-    Key("sample_time", number(least=1e-6, most=SLOWEST), "sample time", "s", SAMPLE_S),
-    Key("delay", number(least=0.0, most=SLOWEST), "from the measurement to the torque", "s", 0.0),
-)
 SERVO = Kinds(
     "position servo",
     {
-        kind: Format(form.doc, (*form.keys, *_OWN), _maker(form))
+        kind: Format(form.doc, (*form.keys, *OWN_KEYS), _maker(form))
         for kind, form in CONTROLLER.kinds.items()
         if kind != "linear"
     },

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports.mujoco import mjcf
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.numerics.evaluate import evaluate
@@ -329,3 +329,68 @@ def test_records_that_do_not_move_or_begin_in_motion():
         flexgen.identify_servo("elbow", flexgen.ServoRecord(t, moving, moving), progress=False)
     with pytest.raises(ArgumentError, match="unequal steps in time at row"):
         flexgen.ServoRecord(np.where(t > 0.4, t + 0.1, t), still, still)
+
+
+# --- the servo of a model file ----------------------------------------------------------------------------------------
+
+TABLE = """
+type = "cascade"
+position_gain = [30.0, 25.0]
+speed_gain = [1.5, 0.4]
+integral_gain = [6.0, 6.0]
+speed_feedforward = 0.8
+reference_filter_s = 0.003
+delay = 0.0005
+notch = [{ frequency_hz = 60.0 }]
+low_pass = [{ frequency_hz = 400.0, damping = 0.9 }]
+"""
+
+
+def with_servo(folder: Path, table: str, name: str = "planar5_nmp") -> Path:
+    """The file of a model with a servo."""
+    file = folder / f"{name}_servo.toml"
+    file.write_text(Path(flexgen.read(name).file).read_text() + f"\n[servo]\n{table}")
+    return file
+
+
+def test_a_robot_carries_its_servo(tmp_path):
+    """The table of the model, the file of the servo, and an argument, which overrides the table."""
+    given = {"move": "line", "progress": False}
+    file = tmp_path / "servo.toml"
+    file.write_text(TABLE)
+    robot = with_servo(tmp_path, TABLE)
+    found = flexgen.command_positions(robot, **given)
+    assert np.array_equal(found.joint, flexgen.command_positions("planar5_nmp", servo=str(file), **given).joint)
+    assert found.tool_error_max_m < 2e-6
+    usual = flexgen.command_positions("planar5_nmp", **given)
+    assert np.array_equal(flexgen.command_positions(robot, servo="ppi", **given).joint, usual.joint)
+    assert found.run.law.position_gain[0] == 30.0 != usual.run.law.position_gain[0]
+    proposed = with_servo(tmp_path, 'type = "ppi"\n')
+    assert np.array_equal(flexgen.command_positions(proposed, **given).joint, usual.joint)
+
+
+def test_identification_begins_with_the_servo_of_the_model(tmp_path):
+    robot = flexgen.read(with_servo(tmp_path, TABLE.replace("delay = 0.0005", "sample_time = 0.001")))
+    run = flexgen.command_positions(robot, progress=False).today
+    joints = np.linalg.inv(run.model.eta).T
+    record = flexgen.ServoRecord(
+        run.reference.time[::4], run.reference.motion["q_m"][::4] @ joints, run.nominal.measured[::4] @ joints
+    )
+    found = flexgen.identify_servo(robot, record, progress=False)
+    assert found.servo.sample_time == 0.001 and len(found.servo.feedback.filters) == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[30.0, 25.0]", "[30.0]", r"servo.position_gain: given \[30.0\], expected a list of 2 numbers"),
+        ("[1.5, 0.4]", "[1.5, 0.0]", r"servo.speed_gain: given \[1.5, 0.0\], expected numbers > 0"),
+        ("[6.0, 6.0]", "[6.0, -6.0]", r"servo.integral_gain: .* else the inverse of the servo is unstable"),
+        ('"cascade"', '"linear"', r"servo.type: given \"linear\", expected one of cascade, ppi"),
+        ("delay", "late", r"servo.late"),
+        ("speed_feedforward = 0.8", "speed_feedforward = 2.8", r"servo.speed_feedforward: given 2.8"),
+    ],
+)
+def test_wrong_tables_of_servos(tmp_path, old, new, message):
+    with pytest.raises(ModelError, match=message):
+        flexgen.read(with_servo(tmp_path, TABLE.replace(old, new)))

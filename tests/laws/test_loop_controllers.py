@@ -19,10 +19,11 @@ import flexgen
 from flexgen.errors import ArgumentError, BuildError, SolverError
 from flexgen.identification.experiments.plan import default_cascade
 from flexgen.library.compiler import find_compiler
-from flexgen.loop.controllers import Linear, LowPass, Notch
+from flexgen.loop.controllers import Linear
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import HEADER, PlugIn, PythonController
 from flexgen.model.elements import RobotModel
+from flexgen.position_servo.filters import LowPass, Notch
 
 pytestmark = needs_compiler
 

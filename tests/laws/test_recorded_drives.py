@@ -18,9 +18,9 @@ from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.identification.time_domain import Simulated
-from flexgen.loop.controllers import LowPass, Notch
 from flexgen.loop.hardware import DriveHardware
 from flexgen.mechanics.parameters import with_values
+from flexgen.position_servo.filters import LowPass, Notch
 
 pytestmark = needs_compiler
 FREE = ["stiffness", "damping"]

@@ -8,11 +8,12 @@ from scipy.linalg import expm
 
 from flexgen.errors import SolverError
 from flexgen.laws.lq import LQG
-from flexgen.loop.controllers import Cascade, LowPass, Notch
+from flexgen.loop.controllers import Cascade
 from flexgen.loop.interface import Measurement, Reference
 from flexgen.loop.margins import as_linear
 from flexgen.loop.sampled_model import hold_effects, sample_model
 from flexgen.numerics.riccati import riccati
+from flexgen.position_servo.filters import LowPass, Notch
 
 H = 1e-3
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from flexgen.benchmarks import scenario_file as scenario
-from flexgen.loop.controller_files import CONTROLLER, LOW_PASS, NOTCH
+from flexgen.loop.controller_files import CONTROLLER
 from flexgen.model.format import BEAM, BENDING, ELEMENT, JOINT, LINK, MODEL, UNCERTAINTY, URDF, VARIANT
 from flexgen.model.format_devices import MOTOR, SENSOR
 from flexgen.model.format_programs import PROGRAM, STEP
@@ -21,6 +21,7 @@ from flexgen.model.format_robot import (
     friction,
 )
 from flexgen.model.format_tasks import LEG, MOVE, OUTPUT
+from flexgen.position_servo.keys import LOW_PASS, NOTCH, SERVO_TABLE
 from flexgen.spec.keys import REQUIRED, Form, Key, Kinds, Schema
 from flexgen.spec.schema import key_schemas
 from flexgen.sweeps.grid_file import GRID, RANDOM
@@ -42,6 +43,7 @@ TABLES: dict[str, Form] = {
     "`[[motor]]`": MOTOR,
     "`[[sensor]]`": SENSOR,
     "`[uncertainty]`": UNCERTAINTY,
+    "`[servo]`": SERVO_TABLE,
     "`[output]`": OUTPUT,
     "`[[move]]`": MOVE,
     "`legs` of a move": LEG,
@@ -54,8 +56,8 @@ TABLES: dict[str, Form] = {
 }
 OTHERS: dict[str, Form] = {
     "Controller files": CONTROLLER,
-    "`[[low_pass]]` of a controller": LOW_PASS,
-    "`[[notch]]` of a controller": NOTCH,
+    "`[[low_pass]]` of a controller or servo": LOW_PASS,
+    "`[[notch]]` of a controller or servo": NOTCH,
     "Grid files": GRID,
     "`[random]` of a grid": RANDOM,
     "Scenario files": scenario.FORMATS[2],

@@ -78,6 +78,15 @@ unit = "mrad"
 name = "laser"
 type = "tracker"
 unit = "mm"
+[servo]
+type = "cascade"
+position_gain = [20, 20, 20, 20, 20, 20]
+speed_gain = [1, 1, 1, 1, 1, 1]
+integral_gain = [1, 1, 1, 1, 1, 0]
+speed_feedforward = 0.9
+reference_filter_s = 2e-3
+low_pass = [{{ frequency_hz = 300 }}]
+notch = [{{ frequency_hz = 60, zero_damping = 0.2 }}]
 [uncertainty]
 stiffness = 0.1
 damping = 0.3
@@ -149,6 +158,8 @@ def overlay(folder: Path) -> Path:
     text = (ROOT / "models" / "urdf_arm.toml").read_text()
     text = text.replace('"urdf_arm.urdf"', f'"{ROOT / "models" / "urdf_arm.urdf"}"')
     text += '\n[link.boom]\nrename = "jib"\nbody = { mass = 20, com = [0.4, 0, 0], inertia = [0.1, 2, 2] }\n'
+    text += '[servo]\ntype = "ppi"\nposition_hz = 5\n'
+    text += "low_pass = [{ frequency_hz = 300 }]\nnotch = [{ frequency_hz = 60 }]\n"
     path = folder / "overlay.toml"
     path.write_text(text)
     return path

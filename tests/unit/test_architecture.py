@@ -58,6 +58,7 @@ FLOORS = {
     "executors": 0,
     "interpolation": 0,
     "npz_files": 0,
+    "position_servo": 0,
     "spec": 0,
     "progress": 0,
     "registry": 0,

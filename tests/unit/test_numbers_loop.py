@@ -19,7 +19,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop import closed_loop, control, margins, robustness
 from flexgen.loop.channels import channels_of
 from flexgen.loop.controller_files import system_controller
-from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch, times
+from flexgen.loop.controllers import Cascade, Linear, times
 from flexgen.loop.disturbances import Disturbance, disturbance_table, rows_of
 from flexgen.loop.gains import PID, PPI, motor_inertias
 from flexgen.loop.hardware import DriveHardware, SensorChannels
@@ -35,6 +35,7 @@ from flexgen.loop.timing import Timing
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_motors
 from flexgen.model.elements import BacklashSpring, Body, CubicSpring, LinearSpring, PiecewiseSpring
+from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 

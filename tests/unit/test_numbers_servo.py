@@ -9,7 +9,8 @@ from scipy.interpolate import CubicHermiteSpline, interp1d
 from scipy.optimize import minimize
 
 from flexgen.errors import ArgumentError
-from flexgen.loop.controllers import Cascade, Notch
+from flexgen.loop.controllers import Cascade
+from flexgen.position_servo.filters import Notch
 from flexgen.servo.inverse import holding_offset, invert_servo
 from flexgen.servo.samples import basis, fit_samples, fit_within
 from flexgen.servo.servo import Servo

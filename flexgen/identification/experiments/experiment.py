@@ -24,10 +24,10 @@ from flexgen.identification.local_model import LocalModel
 from flexgen.identification.outputs import output_orders
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import MOST_STEPS, ClosedLoop, Samples
-from flexgen.loop.controllers import LowPass, Notch
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.spectra import line_offsets, spectra_beside, spectrum
+from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.progress import Choice, reported
 from flexgen.results import ArrayResult
 from flexgen.spec.arguments import seed_of

@@ -16,10 +16,11 @@ from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import HOLDS, Experiment
 from flexgen.identification.outputs import output_orders
 from flexgen.identification.recordings.description import Description, Recording, is_description, read_description
-from flexgen.loop.controller_files import LOW_PASS, NOTCH
-from flexgen.loop.controllers import Cascade, LowPass, Notch
+from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.numerics.spectra import line_offsets, spectrum, windowed_spectrum
+from flexgen.position_servo.filters import LowPass, Notch
+from flexgen.position_servo.keys import LOW_PASS, NOTCH
 from flexgen.spec.keys import Context, number, read
 from flexgen.spec.tables import Table
 

@@ -1,0 +1,94 @@
+"""Filters of the torque of a drive, of order two, sampled by the bilinear transform with the frequency in place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from flexgen.counts import show_value
+from flexgen.errors import ArgumentError
+from flexgen.spec.arguments import check_positive, is_number
+from flexgen.type_checks import checked_class, checked_types
+
+
+@checked_class
+@dataclass(frozen=True)
+class LowPass:
+    """``w^2 / (s^2 + 2 zeta w s + w^2)``; frequency [Hz], damping ratio.
+
+    Examples
+    --------
+    >>> b0, b1, b2, a1, a2 = flexgen.LowPass(150.0).section(sample_s=5e-4)
+    >>> round((b0 + b1 + b2) / (1.0 + a1 + a2), 9)  # at zero frequency
+    1.0
+    >>> law = flexgen.PPI(speed_hz=40.0, filters=(flexgen.LowPass(150.0),))
+    """
+
+    frequency_hz: float
+    damping: float = 0.7
+
+    def __post_init__(self) -> None:
+        _check_filter(self)
+
+    @checked_types(own=("sample_s",))
+    def section(self, sample_s: float) -> tuple[float, ...]:
+        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
+        return _bilinear((0.0, 0.0, 1.0), (1.0, 2 * self.damping, 1.0), self.frequency_hz, sample_s)
+
+
+@checked_class
+@dataclass(frozen=True)
+class Notch:
+    """``(s^2 + 2 zeta_n w s + w^2) / (s^2 + 2 zeta_d w s + w^2)``; frequency [Hz], damping ratios.
+
+    Examples
+    --------
+    >>> law = flexgen.PPI(position_hz=6.0, speed_hz=40.0, filters=(flexgen.Notch(25.0),))
+    >>> flexgen.control("elbow", controller=law).margins()["begin"].stable
+    True
+    """
+
+    frequency_hz: float
+    zero_damping: float = 0.1
+    pole_damping: float = 0.7
+
+    def __post_init__(self) -> None:
+        _check_filter(self)
+
+    @checked_types(own=("sample_s",))
+    def section(self, sample_s: float) -> tuple[float, ...]:
+        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
+        zeros, poles = (1.0, 2 * self.zero_damping, 1.0), (1.0, 2 * self.pole_damping, 1.0)
+        return _bilinear(zeros, poles, self.frequency_hz, sample_s)
+
+
+def _check_filter(of: LowPass | Notch) -> None:
+    for part in fields(of):
+        if not is_number(getattr(of, part.name)):
+            raise ArgumentError(
+                f"filter, {part.name}: given {show_value(getattr(of, part.name))}, expected a finite number"
+            )
+
+
+def _bilinear(
+    b: tuple[float, float, float], a: tuple[float, float, float], frequency_hz: float, sample_s: float
+) -> tuple[float, ...]:
+    """A filter in ``s/w``, highest power first, sampled such that its response at w stays."""
+    check_positive("sample_s", sample_s, "a time > 0 in s")
+    if not 0 < frequency_hz < 0.5 / sample_s:
+        raise ArgumentError(
+            f"filter: given {frequency_hz} Hz, expected more than 0 and less than {0.5 / sample_s:.4g} Hz, half the "
+            "sample rate"
+        )
+    c = 1.0 / math.tan(math.pi * frequency_hz * sample_s)
+
+    def sample(x: tuple[float, float, float]) -> tuple[float, float, float]:
+        return (
+            x[0] * c * c + x[1] * c + x[2], 2 * (x[2] - x[0] * c * c), x[0] * c * c - x[1] * c + x[2]
+        )  # fmt: skip
+
+    above, below = sample(b), sample(a)
+    return tuple(x / below[0] for x in (*above, *below[1:]))
+
+
+Filter = LowPass | Notch
