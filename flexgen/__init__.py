@@ -292,6 +292,7 @@ _RESULTS = {
     "ServoFit.plot": "flexgen.plots.servo:plot_fit",
     "PathSample.plot": "flexgen.plots.signals:plot_arrays",
     "PlantRun.plot": "flexgen.plots.signals:plot_arrays",
+    "Solution.positions": "flexgen.servo.reference:with_positions",
     "Simulation.plot": "flexgen.plots.signals:plot_simulation",
     "Trajectory.plot": "flexgen.plots.signals:plot_trajectory",
     "TuningResult.plot": "flexgen.plots.control:plot_tuning",

@@ -144,6 +144,8 @@ solve MODEL | solve:solve | solve
             hold); the torques to send are verified with it and written to FILE_command next to --out FILE
         sample_time S positive: sample time of the controller [s]; default: 0.001
         delay S not_negative: time from a tick of the controller until the motor has the torque [s]; default: {default}
+        command in=torque/position: position: the trajectory also has the positions to send to the servo of the model
+            file, command_m and command_g; default: {default}
     files
         out FILE trajectory_file: write the trajectory to this file (.npz, .csv or .mat)
         @report

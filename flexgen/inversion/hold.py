@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from flexgen.display import both_measured
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
+from flexgen.registry import find_function
 from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, hold_torque
 from flexgen.simulation.hold_names import HoldName
 from flexgen.torque_curve import read_degree
 from flexgen.trajectory import Trajectory
+
+CommandName = Literal["torque", "position"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,8 @@ class Hold:
         Default: that of the samples for a spline, else 1 ms.
     delay : float [s]
         From a tick to the instant at which the motor has the torque.
+    command : str
+        ``"torque"``, or ``"position"``: what is sent to the servo of the model too.
 
     Raises
     ------
@@ -38,6 +43,7 @@ class Hold:
     kind: HoldName = "spline"
     sample_time: float | None = None
     delay: float = 0.0
+    command: CommandName = "torque"
 
     def __post_init__(self) -> None:
         check_hold(self.kind, self.sample_time, self.delay)
@@ -45,7 +51,7 @@ class Hold:
     @property
     def is_default(self) -> bool:
         """Whether the samples of the solution are what the controller sends."""
-        return self == Hold()
+        return replace(self, command="torque") == Hold()
 
 
 def torque_command(trajectory: Trajectory, hold: Hold) -> TorqueCommand:
@@ -65,10 +71,13 @@ def torque_command(trajectory: Trajectory, hold: Hold) -> TorqueCommand:
 
 
 def with_hold(problem: InversionProblem, solution: Solution, hold: Hold) -> Solution:
-    """The solution with the torques that the controller sends, verified with its hold unless verification is off.
+    """The solution with what the controller sends, verified with its hold unless verification is off.
 
     The status is "tolerance not met" where the held torques make the output deviate by more than the accuracy.
     """
+    if hold.command == "position":
+        problem.log("inverting the servo")
+        solution = find_function("Solution.positions")(solution)
     if hold.is_default:
         return solution
     command = torque_command(solution.trajectory, hold)

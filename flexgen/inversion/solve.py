@@ -13,7 +13,7 @@ import numpy as np
 from flexgen.deadline import check_time, running
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.choice import check_applies, default_method, further_methods
-from flexgen.inversion.hold import Hold, with_hold
+from flexgen.inversion.hold import CommandName, Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
 from flexgen.inversion.problem import ACCURACY, HELD, INTERVALS, InversionProblem
@@ -65,6 +65,7 @@ def solve(
     hold: HoldName = "spline",
     sample_time: float | None = None,
     delay: float = 0.0,
+    command: CommandName = "torque",
     time_limit: float | None = TIME_LIMIT,
     ignore_limits: bool = False,
     fixed_joint: str | None = None,
@@ -84,17 +85,17 @@ def solve(
         A name of `flexgen.inversion.method_table.method_names`, or ``"auto"``: "full" for complete motor coupling and
         springs with a kink; "lq" with limits or non-actuated coordinates, else "closed-form" (without a C compiler
         "full", "collocation"). If it fails, finer meshes and other methods are tried: ``details["attempts"]``.
-    preview : float, optional [s]
-        How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`.
-    mesh : float, optional [s]
-        Length of the intervals or steps; default: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
+    preview, mesh : float, optional [s]
+        How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`. Length
+        of the intervals or steps; default: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
         On motor torque, speed, deflection: "lq" modifies the path; "full", "collocation" optimize torque and error.
     verify, accuracy : bool, float [rad, and m for each meter of reach, at most m]
         Simulate the full model and measure the error; meshes are refined until it is at most ``accuracy``.
-    hold, sample_time, delay : str, float [s]
+    hold, sample_time, delay, command : str, float [s], str
         Output of the controller between its samples: ``"spline"``, ``"linear"``, ``"zoh"``; see ``torque_command``; its
-        sample time (default: 1 ms); from its tick to the instant at which the motor has the torque.
+        sample time (default: 1 ms); from its tick to the instant at which the motor has the torque. Command
+        ``"position"``: also channels ``command_m`` and ``command_g``, positions to send to the servo of the model.
     time_limit : float or None [s]
         After it, or Ctrl-C, the best solution so far is returned, with the reason in ``stopped``; None or 0: no limit.
     ignore_limits : bool
@@ -106,7 +107,6 @@ def solve(
     force : array (n, 3), callable, Trajectory or file, optional [N]
         What a process exerts on the tool at times [s], world axes; also (n, 6) with moments [N m], (n, 2) in a plane.
     progress : callable or bool, optional
-        Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
         Options of single methods, see their modules.
 
@@ -130,7 +130,7 @@ def solve(
     """
     began, log = (time.perf_counter(), time.process_time()), progress if callable(progress) else None
     check_arguments(method, preview, mesh, accuracy, time_limit, limits)
-    controller, reached = Hold(hold, sample_time, delay), BestSolution()
+    controller, reached = Hold(hold, sample_time, delay, command), BestSolution()
     given = preview, mesh, limits, verify, accuracy, log, dict(options or {}), force
     with running(time_limit or None) as deadline:
         try:

@@ -12,8 +12,8 @@ from flexgen.atomic_files import write_text
 from flexgen.display import Figure, figure_rows, format_size, plain
 from flexgen.loop.result import ControlRun
 from flexgen.results import Result
+from flexgen.servo.columns import command_columns
 from flexgen.servo.servo import Servo
-from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
@@ -160,22 +160,9 @@ class PositionCommands(Result):
 
     def trajectory(self) -> Trajectory:
         """The positions as a trajectory with the channels ``command_m`` (motor side) and ``command_g`` (joints)."""
-        motors = tuple(motor.name for motor in self.run.model.motors)
-        unit = self.units[0] if len(set(self.units)) == 1 else "rad or m"
-        ports = {
-            "command_m": Port("command_m", (len(motors),), "rad", "commanded positions, motor side"),
-            "command_g": Port("command_g", (len(self.joints),), unit, "commanded positions, joint side"),
-        }
+        ports, labels, units = command_columns(self.run.model)
         meta = {"model": self.run.model.name, "kind": "position commands", "interpolation": self.interpolation}
-        labels = {"command_m": motors, "command_g": self.joints}
-        return Trajectory(
-            self.time,
-            {"command_m": self.motor, "command_g": self.joint},
-            ports,
-            labels,
-            meta,
-            {"command_g": self.units},
-        )
+        return Trajectory(self.time, {"command_m": self.motor, "command_g": self.joint}, ports, labels, meta, units)
 
     def save(self, path: str | Path, unit: Literal["deg", "rad"] = "deg") -> Path:
         """Write the positions to a file: ``.csv``, a plain table for the interface of a robot.

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
@@ -346,6 +347,10 @@ low_pass = [{ frequency_hz = 400.0, damping = 0.9 }]
 """
 
 
+PLAIN = "\n".join(line for line in TABLE.splitlines() if line.split(" ")[0] not in ("delay", "notch", "low_pass"))
+GAINS = [np.array([30.0, 25.0]), np.array([1.5, 0.4]), np.array([6.0, 6.0])]
+
+
 def with_servo(folder: Path, table: str, name: str = "planar5_nmp") -> Path:
     """The file of a model with a servo."""
     file = folder / f"{name}_servo.toml"
@@ -367,6 +372,42 @@ def test_a_robot_carries_its_servo(tmp_path):
     assert found.run.law.position_gain[0] == 30.0 != usual.run.law.position_gain[0]
     proposed = with_servo(tmp_path, 'type = "ppi"\n')
     assert np.array_equal(flexgen.command_positions(proposed, **given).joint, usual.joint)
+
+
+def test_columns_of_positions_drive_mujoco(tmp_path):
+    """Planted: a delay of one sample of the servo, and a model whose speed gains are exchanged."""
+    servo = flexgen.read(with_servo(tmp_path, PLAIN)).servo
+    robot = replace(robot_of("planar5_nmp"), servo=servo)
+    found = flexgen.solve(robot, command="position", progress=False)
+    path, given = found.trajectory, flexgen.command_positions(robot, solution=found, progress=False)
+    np.testing.assert_allclose(path["command_g"] @ robot.eta.T, path["command_m"], rtol=1e-12)
+    assert path.labels["command_g"] == ("q1", "q2") and "command_m" in flexgen.Trajectory.load(
+        path.save(tmp_path / "x.csv")
+    )
+    ticks = given.run.reference.time
+    inside = (ticks >= path.time[0]) & (ticks <= path.time[-1])
+    reference = CubicSpline(path.time, path["command_m"])
+    gains = given.run.law
+
+    def error(late: float = 0.0, **changes) -> float:
+        own = replace(OwnServo(*GAINS, given.run.reference.held[0], path["q_m"][0], 0.8, 0.003), **changes)
+        arm = InMujoco(robot, path["q_a"][0], path["q_m"][0])
+        command = lambda t: reference(np.clip(t - late, path.time[0], path.time[-1]))  # noqa: E731
+        t, q_a, _ = arm.follow(own, command, ticks[inside][0], ticks[inside][-1])
+        y = evaluate(flexgen.derive(robot).function("output"), q_a)[0].reshape(len(t), -1)
+        return float(np.linalg.norm((y - path.at(t)["y_ref"])[:, :2], axis=1).max())
+
+    assert [gains.position_gain, gains.speed_gain, gains.integral_gain] == [pytest.approx(x) for x in GAINS]
+    assert error() < 1e-6
+    assert error(late=5e-4) > 2e-5
+    assert error(k_v=GAINS[1][::-1]) > 1e-4
+
+
+def test_columns_of_a_model_without_servo_are_refused():
+    with pytest.raises(ArgumentError, match=r'command: given "position" for the model elbow without a servo, expected'):
+        flexgen.solve("elbow", command="position", progress=False)
+    plain, other = (flexgen.solve("elbow", progress=False, **x).trajectory for x in ({}, {"command": "torque"}))
+    assert all(np.array_equal(plain[name], other[name]) for name in plain.channels) and "command_m" not in plain
 
 
 def test_identification_begins_with_the_servo_of_the_model(tmp_path):

@@ -128,7 +128,7 @@ PARAMETERS = {
     "identification/experiments/plan.py excite": 17,  # a verb
     "identification/graybox.py identify": 17,  # a verb
     "identification/motion_fit.py fit_motion": 10,  # a verb
-    "inversion/solve.py solve": 18,  # a verb; the force of a process is data of the problem, as the move is
+    "inversion/solve.py solve": 19,  # a verb; the force of a process is data of the problem, as the move is
     "library/generate.py generate": 15,  # a verb
     "loop/closed_loop.py __init__": 15,  # robots, drives and noise are given apart by five callers with other choices
     "loop/control.py control": 14,  # a verb
