@@ -15,7 +15,7 @@ _VERBS = {
     "models": "flexgen.model_files.catalogue",
     "describe": "flexgen.model_files.catalogue",
     "read": "flexgen.model.reader",
-    "read_moves": "flexgen.model.task_files",
+    "read_moves": "flexgen.paths.move_files",
     "derive": "flexgen.mechanics.equations",
     "analyze": "flexgen.analysis.analyze",
     "check": "flexgen.plausibility.check",

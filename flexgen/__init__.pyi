@@ -86,7 +86,6 @@ from flexgen.model.moves import MoveL as MoveL
 from flexgen.model.moves import PoseTarget as PoseTarget
 from flexgen.model.moves import Program as Program
 from flexgen.model.reader import read as read
-from flexgen.model.task_files import read_moves as read_moves
 from flexgen.model_files.catalogue import describe as describe
 from flexgen.model_files.catalogue import models as models
 from flexgen.model_files.json_schema import schema as schema
@@ -96,6 +95,7 @@ from flexgen.observers.constant_gain import ConstantGainObserver as ConstantGain
 from flexgen.observers.extended_kalman import Estimate as Estimate
 from flexgen.observers.extended_kalman import ExtendedKalmanFilter as ExtendedKalmanFilter
 from flexgen.paths.accuracy import PathAccuracy as PathAccuracy
+from flexgen.paths.move_files import read_moves as read_moves
 from flexgen.paths.path import Path as Path
 from flexgen.paths.path import plan as plan
 from flexgen.paths.reference import PathSample as PathSample

@@ -19,6 +19,7 @@ from flexgen.codegen.interface import DERIVATIVES, ENUMS, FORCE, structs_with
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.mechanics.ports import port
 from flexgen.mechanics.signatures import (
     COTANGENT,
     DIFFERENTIATED,
@@ -30,7 +31,6 @@ from flexgen.mechanics.signatures import (
     TANGENT,
     Row,
     function_obstacles,
-    port,
     split_product,
 )
 from flexgen.model.elements import RobotModel

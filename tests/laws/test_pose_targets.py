@@ -18,8 +18,8 @@ from flexgen.inverse_kinematics.search import configuration_at, kinematics
 from flexgen.inverse_kinematics.targets import joints_of_target
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move, MoveJ, MoveL, PoseTarget, Program
-from flexgen.model.task_files import read_moves
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.move_files import read_moves
 from flexgen.paths.path import plan
 
 pytestmark = needs_compiler

@@ -7,7 +7,7 @@ from functools import cache
 from emitted import ROOT
 
 from flexgen.model.reader import read
-from flexgen.model.task_files import read_moves
+from flexgen.paths.move_files import read_moves
 from flexgen.paths.path import Path as PlannedPath
 from flexgen.paths.path import plan
 

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 import flexgen
 from flexgen.errors import SolverError
-from flexgen.mechanics import beam, elastic_joints, force_laws, signatures, statics
+from flexgen.mechanics import beam, elastic_joints, force_laws, ports, signatures, statics
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.implicit_dae import implicit_dae
 from flexgen.mechanics.quasistatic import poses_along
@@ -217,14 +217,12 @@ def test_ports_have_the_units_of_the_robot() -> None:
     sizes = {"n_a": 3, "n_y": 2, "n_m": 2, "n_t": 12}
     units = {}
     for name, robot in robots.items():
-        units[name] = [
-            signatures.port(x, robot, sizes | signatures_sizes(x)).unit for x in ("q_a", "target", "y_err", "M")
-        ]
+        units[name] = [ports.port(x, robot, sizes | signatures_sizes(x)).unit for x in ("q_a", "target", "y_err", "M")]
     assert units["elbow"] == ["rad", "m", "m", "kg m^2"] and units["kr300"] == ["rad", "mixed", "mixed", "kg m^2"]
     assert units["kr300_efjm"] == ["mixed", "mixed", "mixed", "mixed"] and units["four_mass"][1:3] == ["m", "m"]
-    doc = signatures.port("q_a", robots["kr300_efjm"], sizes).doc
+    doc = ports.port("q_a", robots["kr300_efjm"], sizes).doc
     assert doc.endswith("; rad for rotations, m for translations")
-    assert signatures.port("target", robots["kr300"], sizes | signatures_sizes("target")).doc.endswith(
+    assert ports.port("target", robots["kr300"], sizes | signatures_sizes("target")).doc.endswith(
         ": position [m], rotation matrix by columns"
     )
 

@@ -16,8 +16,9 @@ import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import overlay as overlay_module
-from flexgen.model import reader, task_files
+from flexgen.model import reader
 from flexgen.model.format import MODEL
+from flexgen.paths import move_files
 from flexgen.spec.ports import identifier_problem
 from flexgen.spec.tables import IDENTIFIER, Table
 from flexgen.spec.toml_lines import Entry
@@ -99,7 +100,7 @@ def recorded(monkeypatch):
 
     monkeypatch.setattr(Table, "only", recording)
     monkeypatch.setattr(reader, "parse_file", parsed)
-    monkeypatch.setattr(task_files, "parse_file", parsed)
+    monkeypatch.setattr(move_files, "parse_file", parsed)
     monkeypatch.setattr(overlay_module, "expand", expanded)
     return known, trees
 

@@ -11,7 +11,7 @@ from flexgen.cli.result import Progress, VerbResult, check_own, read_model, with
 def path(args: Namespace, log: Progress) -> VerbResult:
     """Plan a path without solving: duration, segments, and a table of it for C."""
     check_own(args.out, b"Written by flexgen")
-    from flexgen.model.task_files import find_move_in
+    from flexgen.paths.move_files import find_move_in
     from flexgen.paths.path import plan
 
     robot = read_model(args)

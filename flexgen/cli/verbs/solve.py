@@ -37,7 +37,7 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
         if _sends(args):
             check_writable(_insert_name(out, COMMAND))
     equations = derive_model(args, log)
-    from flexgen.model.task_files import find_move_in
+    from flexgen.paths.move_files import find_move_in
 
     moves = [find_move_in(args.moves, name, equations.model) for name in args.move or [None]]
     _announce(args, equations.model, log)
