@@ -18,6 +18,7 @@ import numpy as np
 from flexgen.analysis.linear import LinearModel, sort_roots
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.motor_harmonics import gear_angles_along
 from flexgen.mechanics.statics import Equilibrium, gear_damping
 from flexgen.numerics.evaluate import evaluate
 
@@ -106,7 +107,7 @@ def inner_pencil(equations: Equations, linear: LinearModel) -> tuple[np.ndarray,
 def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) -> np.ndarray:
     """Zeros [1/s] by the structure; simplified motor coupling, as many outputs of the arm as motors."""
     model = equations.model
-    deflection = np.linalg.solve(model.eta, rest.q_m) - rest.q_a[list(model.i_g)]
+    deflection = gear_angles_along(model, rest.q_m[None])[0] - rest.q_a[list(model.i_g)]
     stiffness = evaluate(equations.function("gear_law"), deflection)[1][0]
     damping = gear_damping(equations)
     values = [-stiffness[damping > 0] / damping[damping > 0]]

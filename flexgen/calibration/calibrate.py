@@ -23,6 +23,7 @@ from flexgen.calibration.statics import Numbers, Statics
 from flexgen.calibration.tree import Tree
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_harmonics
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.type_checks import checked_types
@@ -98,6 +99,7 @@ def calibrate(
     """
     tell = progress if callable(progress) else None
     robot = model if isinstance(model, RobotModel) else read(model)
+    refuse_harmonics(robot, "calibrate")
     tree, trackers = Tree(robot), trackers_of(robot)
     data = poses if isinstance(poses, StaticPoses) else StaticPoses.read(poses, robot)
     _check(robot, data, len(trackers), folds)

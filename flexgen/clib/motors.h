@@ -362,6 +362,20 @@ static inline int motors_of(
     const real *q, const real *v, const real *a, const real *tau_g, real *q_m, real *v_m, real *tau_m, real *space)
 {
     real friction[NM];
+#if MODEL_HARMONICS
+    real w[NM], dw[NM], ddw[NM], a_m[NM], share[NM], cogging[NM], gain[NM];
+    for (int j = 0; j < NM; ++j) {
+        w[j] = dw[j] = ddw[j] = 0.0;
+        for (int i = 0; i < NG; ++i) {
+            w[j] += eta[j][i] * q[i];
+            dw[j] += eta[j][i] * v[i];
+            ddw[j] += eta[j][i] * a[i];
+        }
+    }
+    if (evaluate_motor_harmonics(w, dw, ddw, q_m, v_m, a_m, share, cogging, gain, space) != MODEL_OK) {
+        return 0;
+    }
+#else  /* MODEL_HARMONICS */
     for (int j = 0; j < NM; ++j) {
         q_m[j] = 0.0;
         v_m[j] = 0.0;
@@ -370,15 +384,24 @@ static inline int motors_of(
             v_m[j] += eta[j][i] * v[i];
         }
     }
+#endif /* MODEL_HARMONICS */
     if (evaluate_motor_friction(v_m, friction, space) != MODEL_OK) {
         return 0;
     }
     for (int j = 0; j < NM; ++j) {
         real torque = friction[j];
+#if MODEL_HARMONICS
+        torque += rotor_inertia[j] * a_m[j] - cogging[j];
+        for (int i = 0; i < NG; ++i) {
+            torque += share[j] * eta_inverse[i][j] * tau_g[i];
+        }
+        tau_m[j] = torque / gain[j];
+#else  /* MODEL_HARMONICS */
         for (int i = 0; i < NG; ++i) {
             torque += rotor_inertia[j] * eta[j][i] * a[i] + eta_inverse[i][j] * tau_g[i];
         }
         tau_m[j] = torque;
+#endif /* MODEL_HARMONICS */
     }
     return is_finite(q_m, NM) && is_finite(v_m, NM) && is_finite(tau_m, NM);
 }

@@ -271,6 +271,9 @@ static inline int add_deflections(const gear_rows *g, const gears *state, ptrdif
 static inline int motors_of_points(const gear_rows *g, ptrdiff_t at, motor_points *p, real *space)
 {
     points friction[NM];
+#if MODEL_HARMONICS
+    points w[3][NM], share[NM], cogging[NM], gain[NM];
+#endif /* MODEL_HARMONICS */
     lanes zero = splat_v(0.0);
     for (int j = 0; j < NM; ++j) {
         EACH (l) {
@@ -286,15 +289,32 @@ static inline int motors_of_points(const gear_rows *g, ptrdiff_t at, motor_point
             zero += 0.0 * q;
         }
     }
+#if MODEL_HARMONICS
+    copy(&p->q_m[0][0], (ptrdiff_t)NM * POINTS, &w[0][0][0]);
+    copy(&p->v_m[0][0], (ptrdiff_t)NM * POINTS, &w[1][0][0]);
+    copy(&p->a_m[0][0], (ptrdiff_t)NM * POINTS, &w[2][0][0]);
+    if (evaluate_motor_harmonics_batch(POINTS, &w[0][0][0], &w[1][0][0], &w[2][0][0], &p->q_m[0][0], &p->v_m[0][0],
+            &p->a_m[0][0], &share[0][0], &cogging[0][0], &gain[0][0], space) != MODEL_OK) {
+        return 0;
+    }
+#endif /* MODEL_HARMONICS */
     if (evaluate_motor_friction_batch(POINTS, &p->v_m[0][0], &friction[0][0], space) != MODEL_OK) {
         return 0;
     }
     for (int j = 0; j < NM; ++j) {
         EACH (l) {
             lanes torque = load_v(&friction[j][l]) + rotor_inertia[j] * load_v(&p->a_m[j][l]);
+#if MODEL_HARMONICS
+            torque -= load_v(&cogging[j][l]);
+            for (int i = 0; i < NG; ++i) {
+                torque += load_v(&share[j][l]) * eta_inverse[i][j] * load_v(g->tau + i * g->apart + at + l);
+            }
+            torque /= load_v(&gain[j][l]);
+#else  /* MODEL_HARMONICS */
             for (int i = 0; i < NG; ++i) {
                 torque += eta_inverse[i][j] * load_v(g->tau + i * g->apart + at + l);
             }
+#endif /* MODEL_HARMONICS */
             store_v(&p->tau_m[j][l], torque);
             zero += 0.0 * torque;
         }

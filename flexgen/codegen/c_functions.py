@@ -1,6 +1,6 @@
 """The hand-written functions of the library: their arguments and descriptions.
 
-They come with every library of a model that can be inverted, with all functions of `INVERSION`; those of `PARTS` only
+They come with every library of a model that can be inverted, with all functions of `INVERTING`; those of `PARTS` only
 where they are asked for, `bvp` in double precision only. With run-time parameters they have one more argument. Inverse
 kinematics comes with arms of six motors or more. Their C is in ``flexgen/clib/``, see `flexgen.codegen.clib_files`.
 """
@@ -16,11 +16,12 @@ from flexgen.codegen.kinematic_functions import kinematic_functions
 from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.signatures import INVERSION, offered_functions
+from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import hysteretic_joints
+from flexgen.model.friction import has_harmonics, hysteretic_joints
 
-WITHOUT_HYSTERESIS = ("invert_limited", "invert_limited_work", "stream_limits")  # of gears without hysteresis alone
+# of gears without hysteresis, motors without Fourier sums of their angle
+OF_PLAIN_MOTORS = ("invert_limited", "invert_limited_work", "stream_limits")
 
 _N = "n_pre + n + n_post"
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
@@ -344,8 +345,8 @@ def offered_c_functions(
         return kinematic
     offered = [f for f in C_FUNCTIONS if model.n_e or not f.elastic]
     offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
-    if hysteretic_joints(model):
-        offered = [f for f in offered if f.name not in WITHOUT_HYSTERESIS]
+    if hysteretic_joints(model) or has_harmonics(model):
+        offered = [f for f in offered if f.name not in OF_PLAIN_MOTORS]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:
         return (*(function for function in offered if not function.parametrized), *kinematic)
@@ -370,7 +371,7 @@ def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str
 
 def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
     """Why a library with these functions has no invert and stream; None where it has them."""
-    missing = [name for name in offered_functions(model) if name in INVERSION and name not in functions]
+    missing = [name for name in offered_functions(model) if name in INVERTING and name not in functions]
     obstacle = f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
     return model.inversion_obstacle() or obstacle
 

@@ -21,7 +21,7 @@ from flexgen.codegen.stream_bounds import BLOCK, CALL, Linear, stream_operations
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.mechanics.signatures import INVERTING
 
 FOLDER = "flexgen.clib"
 SOLVERS = ("bvp.c", "growth.c", "invert.c", "stream.c")  # parts of one source, so that they share their functions
@@ -35,7 +35,7 @@ KERNEL = (
     "undefine.h",
 )  # of every library
 _SECTION = re.compile(
-    r"^#if MODEL_(FORCE|HYSTERESIS)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?^#endif +/\* MODEL_\1 \*/\n",
+    r"^#if MODEL_(FORCE|HYSTERESIS|HARMONICS)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?^#endif +/\* MODEL_\1 \*/\n",
     re.DOTALL | re.MULTILINE,
 )
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
@@ -52,13 +52,20 @@ def read_clib() -> dict[str, str]:
     return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
 
 
-def render(text: str, name: str, precision: str = "double", force: bool = False, hysteresis: bool = False) -> str:
+def render(
+    text: str,
+    name: str,
+    precision: str = "double",
+    force: bool = False,
+    hysteresis: bool = False,
+    harmonics: bool = False,
+) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
-    ``force``, ``hysteresis``: with the parts for forces on the output, for gears with hysteresis, which other libraries
-    do not have.
+    ``force``, ``hysteresis``, ``harmonics``: with the parts for forces on the output, for gears with hysteresis, for
+    Fourier sums of motor angles, which other libraries do not have.
     """
-    with_part = {"FORCE": force, "HYSTERESIS": hysteresis}
+    with_part = {"FORCE": force, "HYSTERESIS": hysteresis, "HARMONICS": harmonics}
     text = _SECTION.sub(lambda found: found[2] if with_part[found[1]] else found[3] or "", text)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
     text = re.sub(r"\bMODEL_", f"{name.upper()}_", text)
@@ -94,15 +101,19 @@ def is_hysteretic(spec: LibrarySpec) -> bool:
     return spec.motor_constants is not None and any(spec.motor_constants.hysteresis_slip)
 
 
+def is_harmonic(spec: LibrarySpec) -> bool:
+    """Whether the library inverts a model with Fourier sums of motor angles."""
+    return any(f.name == "motor_harmonics" for f in spec.functions)
+
+
 def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
     """The private files of the inversion, by name; none where the library has no inversion."""
     if not spec.inverts or spec.motor_constants is None:
         return {}
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
     names = [name for name in names if is_hysteretic(spec) or name != "hysteresis.h"]
-    texts = {
-        name: render(read_clib()[name], spec.name, spec.precision, spec.force, is_hysteretic(spec)) for name in names
-    }
+    parts = spec.precision, spec.force, is_hysteretic(spec), is_harmonic(spec)
+    texts = {name: render(read_clib()[name], spec.name, *parts) for name in names}
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)
@@ -174,7 +185,7 @@ extern "C" {{
 
 def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Macros of the public header: recommended options of a stream, its memory, the operations of an update."""
-    used = [f for f in spec.functions if f.name in INVERSION]
+    used = [f for f in spec.functions if f.name in INVERTING]
     block = BLOCK[spec.precision]
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
@@ -235,7 +246,7 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     return "".join(lines)
 
 
-def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERSION) -> int:
+def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERTING) -> int:
     """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
     used = (f for f in spec.functions if f.name in names)
     return max(max(works(f, written[f.name], spec.precision)) for f in used)
@@ -296,7 +307,8 @@ def stack_bytes(spec: LibrarySpec) -> int:
     at_rest = n_a * (n_a + 4 * n_y + 3 * n_e + 16)
     zeros = 3 * n_e * (n_e + 1) + 40 * n_e  # of A, D, K at an end; or eight rows of a step
     branches = is_hysteretic(spec) * (80 * (n_g + 8) + 16 * n_g)  # of gears with hysteresis: arrays of lanes
-    return -(-(8 * (at_rest + zeros + branches) + 10_000) // 1024) * 1024
+    waves = is_harmonic(spec) * 160 * spec.sizes["n_m"]  # of motors with Fourier sums: motion and factors, in points
+    return -(-(8 * (at_rest + zeros + branches + waves) + 10_000) // 1024) * 1024
 
 
 def _in_brackets(extent: str) -> str:
@@ -339,7 +351,7 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         )
         text += f"static const real hysteresis_slip[{ng}] = {join(constants.hysteresis_slip)}; /* 0: none */\n"
     text += _for_growth(spec, written, join(constants.arm_side))
-    used = [f for f in spec.functions if f.name in INVERSION]
+    used = [f for f in spec.functions if f.name in INVERTING]
     space = space_of(spec, written)
     calls = "".join(_call(spec, f, written[f.name].work) + batch_call(spec, f) for f in used)
     return f"""\

@@ -103,6 +103,8 @@ def stream_operations(
     gear, friction = operations["gear_law"] + 16 * n_g, operations["motor_friction"]
     path = 600 + 40 * (n_t + 2 * n_y)  # one instant of the path, interpolated, its small rotations included
     motors = gear + friction + n_g * (8 * n_m + 60) + 8 * n_m
+    if "motor_harmonics" in operations:
+        motors += operations["motor_harmonics"] + 12 * n_m
     spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
 
     if hysteresis:  # lanes without gear too

@@ -24,6 +24,7 @@ from flexgen.equations_text.elements import Expr3, Forces, Symbols, chain_steps,
 from flexgen.equations_text.printing import Entry, Name, Row, Section, Sheet
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import Coordinate, RobotModel
+from flexgen.model.friction import refuse_harmonics
 
 MAX_COORDINATES = 4
 
@@ -251,6 +252,7 @@ def _check_small(model: RobotModel) -> None:
         raise ArgumentError(
             f"symbolic: given a model with a counterbalance ({', '.join(balanced)}), expected none; {numeric}"
         )
+    refuse_harmonics(model, "symbolic")
     if model.n_a > MAX_COORDINATES:
         raise ArgumentError(
             f"symbolic: given a model with {model.n_a} arm coordinates, expected at most {MAX_COORDINATES} for a "

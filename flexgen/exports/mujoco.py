@@ -34,7 +34,7 @@ from flexgen.exports.xml_text import add, document, numbers
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, hold_joints, reach
 from flexgen.model.elements import Dof, LinearSpring, RobotModel
-from flexgen.model.friction import refuse_hysteresis
+from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
 from flexgen.paths.jets import quaternion
@@ -98,6 +98,7 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
         raise ArgumentError(f"path: given {path.name!r}, expected a name that ends in .xml")
     robot = model if isinstance(model, RobotModel) else read(model)
     refuse_hysteresis(robot, "export")
+    refuse_harmonics(robot, "export")
     write_text(path, mjcf(robot, friction))
     what = f"{robot.title}, {robot.dof} joints, {robot.n_m} motors"
     notes = (NOTES[friction],) if friction in NOTES and robot != with_friction(robot, "viscous") else ()

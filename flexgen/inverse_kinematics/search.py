@@ -18,6 +18,7 @@ from flexgen.display import plain, short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.library.model_library import library_with
 from flexgen.mechanics.equations import Equations, derive, robot_of
+from flexgen.mechanics.motor_harmonics import gear_angles_along, transmission_errors
 from flexgen.mechanics.output_columns import turn_angle
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
@@ -390,6 +391,7 @@ class _Solver:
         """Arm coordinates (n_a,) at rest under gravity with the motors at ``eta q``."""
         model, equations = self.model, derive(self.model)
         full = np.zeros(model.n_a)
+        q = gear_angles_along(model, (model.eta @ q)[None])[0] if transmission_errors(model) else q
         full[self.i_g] = q
         i_e = list(model.i_e)
         for _ in range(SAG_STEPS):

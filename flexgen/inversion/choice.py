@@ -8,7 +8,7 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import has_kinks
 from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import hysteretic_joints, refuse_hysteresis
+from flexgen.model.friction import has_harmonics, hysteretic_joints, refuse_harmonics, refuse_hysteresis
 
 FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 
@@ -42,7 +42,7 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
         names.append("full")
     found = (find_method(name) for name in names)
     able = (method for method in found if problem.limits is None or method.keeps_limits)
-    known = problem.force is None and not hysteretic_joints(robot)
+    known = problem.force is None and not hysteretic_joints(robot) and not has_harmonics(robot)
     return tuple(method for method in able if known or method.takes_force)
 
 
@@ -52,9 +52,11 @@ def check_applies(method: Method, robot: RobotModel, limits: Limits | None, push
         able = ", ".join(m.name for m in methods().values() if m.takes_force)
         given = f"with method {method.name!r}" if not method.takes_force else "together with limits"
         raise ArgumentError(f"force: given {given}, expected one of the methods {able}, without limits")
-    if hysteretic_joints(robot) and (not method.takes_force or limits is not None):
+    if not method.takes_force or limits is not None:
         able = ", ".join(m.name for m in methods().values() if m.takes_force)
-        refuse_hysteresis(robot, "limits" if method.takes_force else f"method {method.name!r} (not one of {able})")
+        what = "limits" if method.takes_force else f"method {method.name!r} (not one of {able})"
+        refuse_hysteresis(robot, what)
+        refuse_harmonics(robot, what)
     if limits is not None and not method.keeps_limits:
         able = ", ".join(m.name for m in methods().values() if m.keeps_limits)
         raise ArgumentError(

@@ -31,7 +31,7 @@ class Method:
     any_coupling : bool
         Solves models whose rotors turn with their carriers.
     takes_force : bool
-        Takes a force on the tool along the path, and hysteresis of gears.
+        Takes a force on the tool along the path, hysteresis of gears and Fourier sums of motor angles.
     """
 
     name: str

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.signatures import INVERSION
+from flexgen.mechanics.signatures import INVERTING, offered_functions
 
 if TYPE_CHECKING:
     from flexgen.runtime.library import Library
@@ -62,5 +62,6 @@ def inversion_library(
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use --method full")
     check_time(f"method {method}")
-    functions = tuple(name for name in INVERSION if name != "inversion_jacobians" or model.n_e)
+    offered = offered_functions(model)
+    functions = tuple(name for name in INVERTING if name in offered)
     return library_with(model, functions, solvers or (SOLVERS[method],), native=native, progress=progress)

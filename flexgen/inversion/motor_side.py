@@ -4,6 +4,7 @@ A gear with the deflection p carries ``D p' + spring(p) = tau_g``; the motor fol
 
     tau_m = J_m eta (a_g + p'') + f(v_m) + eta^-T tau_g
 
+With Fourier sums of the motor angles: `flexgen.mechanics.motor_harmonics`.
 Without damping p is algebraic and p'' needs tau_g'' (the fourth derivative of the path); with damping p obeys a stable
 first-order equation, which starts at rest, and p'' needs tau_g' only.
 """
@@ -19,6 +20,7 @@ from scipy.interpolate import make_interp_spline
 
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.motor_harmonics import motor_stage
 from flexgen.mechanics.statics import gear_damping, gear_deflection
 from flexgen.model.elements import LinearSpring
 from flexgen.numerics.evaluate import evaluate
@@ -59,11 +61,11 @@ def motor_motion(
 def motors_behind(equations: Equations, theta: Sequence[np.ndarray], tau_g: np.ndarray) -> MotorMotion:
     """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n, n_g)."""
     model = equations.model
-    q_m, v_m, a_m = (x @ model.eta.T for x in theta)
-    friction = evaluate(equations.function("motor_friction"), v_m)[0].reshape(v_m.shape)
+    found = motor_stage(equations.function, model, theta, tau_g)
+    friction = evaluate(equations.function("motor_friction"), found.v_m)[0].reshape(found.v_m.shape)
     inertia = np.array([motor.inertia for motor in model.motors])
-    tau_m = inertia * a_m + friction + np.linalg.solve(model.eta.T, tau_g.T).T
-    return MotorMotion(q_m, v_m, a_m, tau_m)
+    tau_m = (inertia * found.a_m + friction + found.carried - found.cogging) / found.gain
+    return MotorMotion(found.q_m, found.v_m, found.a_m, tau_m)
 
 
 def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -113,7 +115,8 @@ def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarr
     elastic_torque = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
     rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[0].reshape(len(q), -1)
     friction = evaluate(equations.function("motor_friction"), motors.v_m)[0].reshape(len(q), -1)
-    through = (motors.tau_m - rotor - friction) @ equations.model.eta
+    given = evaluate(equations.function("given_torque"), motors.q_m, motors.tau_m)[0].reshape(len(q), -1)
+    through = (given - rotor - friction) @ equations.model.eta
     rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])
     return np.where(rigid, through, elastic_torque)
 

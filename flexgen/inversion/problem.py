@@ -13,7 +13,9 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.motor_harmonics import highest_harmonics
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
+from flexgen.model.friction import has_harmonics
 from flexgen.paths.path import Path
 
 if TYPE_CHECKING:
@@ -30,6 +32,8 @@ LONGEST_SETTLING = 5.0  # s
 ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
 HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
+SPEEDS = 100  # intervals of a path, from which the speeds of the motors are estimated
+PHASE, FINEST = 0.4, 20  # rad: of the fastest harmonic, between samples; parts of the usual interval, at most
 REVERSALS = 8.0  # samples of the torque in the longest interval that resolves a force
 POSES = 5  # along the path, where its zeros are computed
 ACCELERATION = 100.0  # rad/s^2 or m/s^2: scale of accelerations
@@ -157,10 +161,20 @@ class InversionProblem:
         simple = replace(self, equations=Equations(replace(model, motor_coupling="simplified"))).at_rest(0.0)
         return equilibrium_at(equations, Reduction(simple).start(self.path).q_a)
 
-    @property
+    @cached_property
     def step(self) -> float:
-        """The sampling interval of the torque [s]."""
-        return min(STEP, self.path.duration / 400)
+        """The sampling interval of the torque [s]; it resolves the harmonics of the motor angles."""
+        longest = min(STEP, self.path.duration / 400)
+        robot = self.equations.model
+        if not has_harmonics(robot):
+            return longest
+        from flexgen.mechanics.quasistatic import poses_along
+
+        t = np.linspace(0.0, self.path.duration, SPEEDS + 1)
+        q = poses_along(self.equations, self.path, t)[:, list(robot.i_g)] @ robot.eta.T
+        speeds = np.abs(np.diff(q, axis=0)).max(axis=0) / t[1]
+        fastest = float((speeds * highest_harmonics(robot)).max())
+        return max(min(longest, PHASE / max(fastest, 1e-9)), longest / FINEST)
 
     @property
     def sampling(self) -> float:

@@ -19,6 +19,7 @@ from flexgen.loop.controllers import times
 from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
 from flexgen.loop.timing import Timing
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_harmonics
 from flexgen.runtime.library import Library
 
 SOURCE = Path(__file__).with_name("model_laws.c")
@@ -90,6 +91,7 @@ class BoundLaw:
 
     def compiled(self, setup: Setup) -> Compiled:
         """The law in C; ArgumentError where the loop measures other channels than those it was bound to."""
+        refuse_harmonics(self.model, "control law")
         n, needed = self.model.n_m, self.model.n_m
         if self.state >= 0:
             needed = self.state + 4 * n

@@ -35,7 +35,7 @@ from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.mechanics.output_columns import unit_of
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_hysteresis
+from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
 from flexgen.type_checks import checked_class, checked_result, checked_types
@@ -278,6 +278,7 @@ def feedback_study(
     tell = progress if callable(progress) else (lambda line: None)
     robot = robot_of(ARM if model is None else model)
     refuse_hysteresis(robot, "feedback study")
+    refuse_harmonics(robot, "feedback study")
     if unit_of(robot) != "m":
         raise ArgumentError(f"feedback_study: given the model {robot.name} whose output is an angle, expected lengths")
     reason = flexible_joint_obstacle(robot)

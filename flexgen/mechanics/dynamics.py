@@ -13,6 +13,7 @@ import casadi as ca
 
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.motor_harmonics import given_torques, motors_of_gears
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
 
 STATE = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
@@ -131,6 +132,23 @@ def motor_friction(system: System) -> Built:
     return [v_m], ["v_m"], [ca.vertcat(*friction)], ["f_m"]
 
 
+def motor_harmonics(system: System) -> Built:
+    """Motors behind gears with transmission error, cogging torques, and the factors of the motors' torques."""
+    n = system.model.n_m
+    names = ["w_m", "dw_m", "ddw_m"]
+    inputs = [ca.SX.sym(name, n) for name in names]
+    q_m, *others = motors_of_gears(system.model, *inputs)
+    gain, cogging, _ = given_torques(system.model, q_m, ca.SX.ones(n))
+    return inputs, names, [q_m, *others, cogging, gain], ["q_m", "v_m", "a_m", "gear_share", "tau_c", "gain_m"]
+
+
+def given_torque(system: System) -> Built:
+    """Torques that the motors give, with ripple, and their cogging torques."""
+    lag = system.lagrangian
+    given, cogging, _ = given_torques(system.model, lag.q_m, lag.tau_m)
+    return [lag.q_m, lag.tau_m], ["q_m", "tau_m"], [given + cogging], ["tau_d"]
+
+
 def rotor_torque(system: System) -> Built:
     """Time derivative of the rotors' axial momentum."""
     lag, names = system.lagrangian, ["q_a", "v_a", "a_a", "v_m", "a_m"]
@@ -234,6 +252,8 @@ BUILDERS: dict[str, Builder] = {
     "arm_forward_dynamics": arm_forward_dynamics,
     "arm_forces": arm_forces,
     "motor_friction": motor_friction,
+    "motor_harmonics": motor_harmonics,
+    "given_torque": given_torque,
     "rotor_torque": rotor_torque,
     "gear_law": gear_law,
     "gear_torque": gear_torque,

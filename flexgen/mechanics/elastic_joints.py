@@ -7,6 +7,7 @@ accelerates the arm, and the motor torque appears in the fourth derivative of th
 from __future__ import annotations
 
 from flexgen.model.elements import BacklashSpring, CubicSpring, LinearSpring, RobotModel, Spring
+from flexgen.model.friction import has_harmonics
 
 
 def flexible_joint_obstacle(model: RobotModel) -> str | None:
@@ -23,6 +24,8 @@ def flexible_joint_obstacle(model: RobotModel) -> str | None:
         return f"model {model.name}: given coordinates without motor ({names}), {expected}"
     if model.motor_coupling != "simplified":
         return f"model {model.name}: given motor_coupling {model.motor_coupling!r}, expected 'simplified'"
+    if found := has_harmonics(model):
+        return f"model {model.name}: given a {found}, expected none"
     for i in model.i_g:
         dof = model.coordinates[i].dof
         assert dof is not None and dof.gear is not None  # what makes a coordinate actuated

@@ -6,15 +6,16 @@ import textwrap
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
-from flexgen.mechanics import dynamics, flexible_joint, inversion_functions, linearization
-from flexgen.mechanics.implicit_dae import ImplicitDae, implicit_dae
+from flexgen.mechanics import dynamics, inversion_functions, linearization
 from flexgen.mechanics.signatures import (
+    FLEXIBLE_JOINT,
     FUNCTIONS,
     INVERSION,
     PYTHON_TABLE,
@@ -23,13 +24,31 @@ from flexgen.mechanics.signatures import (
     reference,
     split_product,
 )
-from flexgen.mechanics.system import Builder, System
+from flexgen.mechanics.system import Builder, Built, System
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.type_checks import checked_class, checked_types
 
+if TYPE_CHECKING:
+    from flexgen.mechanics.implicit_dae import ImplicitDae
+
+
+def _flexible_joint(name: str) -> Builder:
+    """The builder of a function of arms with elastic joints, whose module a solution does not need."""
+
+    def build(system: System) -> Built:
+        from flexgen.mechanics import flexible_joint
+
+        return flexible_joint.BUILDERS[name](system)
+
+    return build
+
+
 BUILDERS: dict[str, Builder] = (
-    dynamics.BUILDERS | linearization.BUILDERS | inversion_functions.BUILDERS | flexible_joint.BUILDERS
+    dynamics.BUILDERS
+    | linearization.BUILDERS
+    | inversion_functions.BUILDERS
+    | {name: _flexible_joint(name) for name in FLEXIBLE_JOINT}
 )
 
 
@@ -110,6 +129,8 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         ``x = (q_a, q_me, v_a, v_me)``, ``z`` = (gear torques, output), ``u = tau_m``; see
         `flexgen.mechanics.implicit_dae`.
         """
+        from flexgen.mechanics.implicit_dae import implicit_dae
+
         return implicit_dae(self)
 
 

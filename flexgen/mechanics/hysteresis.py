@@ -16,6 +16,7 @@ import numpy as np
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.force_laws import stiffness_at_zero
 from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.motor_harmonics import gear_rates
 from flexgen.model.elements import Dof, RobotModel
 from flexgen.model.friction import hysteretic_joints
 
@@ -52,10 +53,10 @@ def torque_along(law: GearHysteresis, p: np.ndarray) -> np.ndarray:
     return out
 
 
-def generalized_force(model: RobotModel, z: ca.SX) -> ca.SX:
-    """Forces on y = (q_a, q_me) (n,) of additional gear torques ``z`` (n_g,) [N m]."""
+def generalized_force(model: RobotModel, z: ca.SX, q_m: ca.SX) -> ca.SX:
+    """Forces on y = (q_a, q_me) (n,) of additional gear torques ``z`` (n_g,) [N m]; ``q_m`` (n_m,): motor angles."""
     forces = ca.SX.zeros(model.dof)
-    on_motors = ca.mtimes(ca.SX(ca.DM(np.linalg.inv(model.eta).T)), z)
+    on_motors = ca.mtimes(gear_rates(model, q_m).T, z)
     for k, i in enumerate(model.i_g):
         forces[i] += z[k]
     for k, j in enumerate(model.i_m):
@@ -76,11 +77,11 @@ def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
     """
     model, lag, (y, dy, _) = equations.model, equations.lagrangian, equations.y
     law, z = gear_hysteresis(model), ca.SX.sym("z", model.n_g)
-    acceleration = equations.acceleration_under(generalized_force(model, z))
-    inverse, i_g = ca.SX(ca.DM(np.linalg.inv(model.eta))), list(model.i_g)
+    acceleration = equations.acceleration_under(generalized_force(model, z, lag.q_m))
+    i_g = list(model.i_g)
     geared = ca.mtimes(ca.SX(ca.DM(model.eta)), lag.chain.v_a[i_g])
     v_m = ca.vertcat(*[lag.v_m[j] if j in model.i_m else geared[j] for j in range(model.n_m)])
-    rate = ca.mtimes(inverse, v_m) - lag.chain.v_a[i_g]
+    rate = ca.mtimes(gear_rates(model, lag.q_m), v_m) - lag.chain.v_a[i_g]
     slip = np.where(law.present, law.slip, 1.0)
     dz = ca.DM(law.stiffness) * (rate - ca.fabs(rate) * z / ca.DM(slip))
     x = ca.SX.sym("x", 2 * model.dof)

@@ -17,10 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import casadi as ca
-import numpy as np
 
 from flexgen.mechanics.force_laws import friction_torque, spring_energy, spring_torque
 from flexgen.mechanics.kinematics import Kinematics, kinematics
+from flexgen.mechanics.motor_harmonics import gear_angles, gear_rates, given_torques
 from flexgen.model.elements import Gear, RobotModel
 
 
@@ -96,11 +96,11 @@ def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
     v_m_all = ca.vertcat(*[v_m[j] if j in elastic else v_geared[j] for j in range(model.n_m)])
     kinetic, carried, momentum_m = _rotor_energies(model, chain, v_m, v_m_all)
 
-    inverse = ca.SX(ca.DM(np.linalg.inv(model.eta)))
-    joints = _joint_forces(model, chain, ca.mtimes(inverse, q_m_all), ca.mtimes(inverse, v_m_all))
+    rates = gear_rates(model, q_m_all)
+    joints = _joint_forces(model, chain, gear_angles(model, q_m_all), ca.mtimes(rates, v_m_all))
     _add_beams(joints, chain)
     tau_e, tau_g = _elastic_torques(model, chain, joints.tau_e), ca.vertcat(*joints.tau_g)
-    tau_gm = ca.mtimes(inverse.T, tau_g)
+    tau_gm = ca.mtimes(rates.T, tau_g)
 
     drag = ca.gradient(chain.drag, v_a)
     lost = joints.lost + ca.dot(drag, v_a)
@@ -111,7 +111,8 @@ def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
     force = ca.SX(arm_forces)
     friction_m = ca.vertcat(*[friction_torque(m.friction, v_m_all[j]) for j, m in enumerate(model.motors)])
     lost = lost + ca.dot(friction_m, v_m_all)
-    force_m = tau_m - friction_m
+    given, cogging, cogged = given_torques(model, q_m_all, tau_m)
+    force_m = given + cogging - friction_m
     rigid = [j for j in range(model.n_m) if j not in elastic]
     # springs are generalized forces here, not potential: one expression serves statics, dynamics and the torque output
     force[i_g] = force[i_g] + tau_g
@@ -131,9 +132,9 @@ def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
         kinetic=kinetic,
         kinetic_arm=chain.kinetic + carried,
         gravity=chain.gravity,
-        potential=chain.gravity + joints.stored,
+        potential=chain.gravity + joints.stored + cogged,
         forces=ca.vertcat(force, *motor_rows),
-        power_motor=ca.dot(tau_m, v_m_all),
+        power_motor=ca.dot(given, v_m_all),
         power_dissipated=lost,
         tau_g=tau_g,
         tau_e=tau_e,

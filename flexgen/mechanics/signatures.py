@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexgen.model.friction import hysteretic_joints
+from flexgen.model.friction import has_harmonics, hysteretic_joints
 
 if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
@@ -147,6 +147,13 @@ _FUNCTIONS = (
         "tau_m",
     ),
     Row(
+        "motor_harmonics",
+        "Motors behind gears with transmission error e, cogging torques, and factors of the motor torques.",
+        "q_m - n e(q_m) = w_m,  (J_m a_m + f(v_m) + gear_share eta^-T tau_g - tau_c) / gain_m = tau_m",
+        "w_m dw_m ddw_m",
+        "q_m v_m a_m gear_share tau_c gain_m",
+    ),
+    Row(
         "output_constraint",
         "How far the output is from a target, and the map W from speeds to rates of the output.",
         "y_err = y(q_a) - target,  dy/dt = W(q_a) v_a,  d2y/dt2 = W a_a + Wdot_v",
@@ -222,6 +229,7 @@ TABLE = (*_FUNCTIONS, *(each for row in _FUNCTIONS if row.name in DIFFERENTIATED
 PYTHON_TABLE = (  # of Equations only, not emitted as C
     Row("jacobian_dot", "Time derivative of the Jacobian of the tool.", "dJ = dJ(q_a)/dt", "q_a v_a", "dJ"),
     Row("arm_forces", "Joint frictions and body drags of the arm, as they act.", "", "q_a v_a", "f_a"),
+    Row("given_torque", "Torques on the rotors: of the motors, with ripple, and cogging.", "", "q_m tau_m", "tau_d"),
     Row(
         "rotor_torque",
         "Time derivative of the rotors' axial momentum.",
@@ -287,6 +295,7 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
 FUNCTIONS = tuple(row.name for row in TABLE if not row.optional)
 OPTIONAL = tuple(row.name for row in TABLE if row.optional)
 INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]  # of models whose output determines the motors' motion
+INVERTING = (*INVERSION, "motor_harmonics")  # the same, and of models with Fourier sums of motor angles
 GEARED = ("forward_dynamics", "forward_dynamics_tool_force", "linearize")  # with the springs of the gears
 FLEXIBLE_JOINT = ("flexible_joint_motion", "flexible_joint_torque")  # of arms with elastic joints
 
@@ -344,6 +353,12 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "tau_p": (("n_g",), "{tau}", "torques of the gears' springs, arm side"),
     "dtau_p": (("n_g",), "mixed", "unit of the torque per unit of the coordinate"),
     "f_m": (("n_m",), "N m", "friction torques, motor side"),
+    "w_m": (("n_m",), "rad", "motor angles behind gears without transmission error, eta (q_g + deflection)"),
+    "dw_m": (("n_m",), "rad/s", "time derivative of w_m"),
+    "ddw_m": (("n_m",), "rad/s^2", "time derivative of dw_m"),
+    "gear_share": (("n_m",), "1", "1 - n e'(q_m), part of the torque of its gear that a motor carries"),
+    "tau_c": (("n_m",), "N m", "cogging torques, motor side"),
+    "gain_m": (("n_m",), "1", "torque that a motor gives over tau_m, one and its ripple"),
 }
 for _row in _FUNCTIONS:
     if _row.name in DIFFERENTIATED:
@@ -357,6 +372,7 @@ PORTS["parameters" + COTANGENT] = ("n_p",), "mixed", "unit of the weighted sum p
 PYTHON_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "dJ": (("6", "n_a"), "mixed", "as J, per second"),
     "f_a": (("n_a",), "{tau}", "friction and drag forces, arm side"),
+    "tau_d": (("n_m",), "N m", "torque on the rotor, motor side"),
     "tau_r": (("n_m",), "N m", "rate of the rotors' momentum, motor side"),
     "tau_e": (("n_e",), "{tau}", "torques of springs and dampers"),
     "r_a": (("n_a",), "{tau}", "residual of the arm, arm side"),
@@ -401,6 +417,8 @@ def function_obstacles(model: RobotModel) -> dict[str, str | None]:
     if joints := hysteretic_joints(model):
         reason = f"the gear of {joints[0]} has hysteresis, whose torque depends on the motion before"
         obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
+    if not has_harmonics(model):
+        obstacles["motor_harmonics"] = f"model {model.name} has no transmission error, cogging or torque ripple"
     if not model.i_e:
         missing = f"model {model.name} has no coordinates without motor"
         obstacles["inversion_jacobians"] = obstacles["inversion_jacobians"] or missing

@@ -15,6 +15,7 @@ from flexgen.display import short_repr
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.motor_harmonics import motor_stage
 from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.type_checks import checked_result
@@ -110,9 +111,11 @@ def equilibrium_at(equations: Equations, q_a: np.ndarray) -> Equilibrium:
     load = load - evaluate(equations.function("arm_forces"), q_a, zero)[0][0]
     tau_g = load[list(model.i_g)]
     theta = q_a[list(model.i_g)] + gear_deflection(equations, tau_g[None])[0]
+    still = np.zeros((1, model.n_g))
+    found = motor_stage(equations.function, model, [theta[None], still, still], tau_g[None])
     friction = evaluate(equations.function("motor_friction"), np.zeros(model.n_m))[0][0]
-    tau_m = np.linalg.solve(model.eta.T, tau_g) + friction
-    return Equilibrium(q_a, model.eta @ theta, tau_m, tau_g)
+    tau_m = (found.carried + friction - found.cogging) / found.gain
+    return Equilibrium(q_a, found.q_m[0], tau_m[0], tau_g)
 
 
 def balance(equations: Equations) -> ca.SX:

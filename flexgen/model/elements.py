@@ -26,6 +26,7 @@ from flexgen.model.parts import Beam as Beam
 from flexgen.model.parts import Bending as Bending
 from flexgen.model.parts import Tolerances
 from flexgen.model.sensors import Sensor
+from flexgen.spec.fourier import FourierSum
 from flexgen.type_checks import checked_result, checked_types
 
 if TYPE_CHECKING:
@@ -118,6 +119,7 @@ class Gear:
     spring: Spring | None = None  # None for a rigid gear
     damping: float = 0.0  # in parallel with the spring [N m s/rad or N s/m]
     hysteresis: Hysteresis | None = None
+    transmission_error: FourierSum | None = None  # of the motor angle, e(q_m) [rad or m] at the joint
     torque_max: float | None = None  # at the joint [N m or N], and over the motion in the root mean square
     torque_rms_max: float | None = None
 
@@ -200,7 +202,8 @@ class Motor:
     model only. Limits, on the motor side, None where there is none: ``torque_max`` [N m], ``speed_max`` [rad/s],
     ``torque_rate_max`` [N m/s], ``torque_rms_max`` [N m], the root mean square with the time constant ``thermal_time``
     [s] of the winding (None: over the whole motion), and ``torque_speed``, points (speed [rad/s], torque [N m]) of the
-    largest torque over the speed.
+    largest torque over the speed. Sums of the motor angle: ``cogging`` [N m], a torque that acts on the rotor in
+    addition, and ``torque_ripple`` r; the motor gives ``tau_m (1 + r(q_m))``.
     """
 
     name: str
@@ -216,6 +219,8 @@ class Motor:
     torque_rms_max: float | None = None
     thermal_time: float | None = None
     torque_speed: tuple[tuple[float, float], ...] = ()
+    cogging: FourierSum | None = None
+    torque_ripple: FourierSum | None = None
 
 
 @dataclass(frozen=True)

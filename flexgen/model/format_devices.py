@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.model.elements import ZERO, Gear, Motor, Vector, coordinates_of
-from flexgen.model.format_robot import FRICTION
+from flexgen.model.format_robot import COGGING, FRICTION, RIPPLE
 from flexgen.model.sensors import TOOL, UNITS, Sensor
 from flexgen.spec.keys import (
     Context,
@@ -22,6 +22,7 @@ from flexgen.spec.keys import (
     list_of,
     name,
     number,
+    sub,
     vector,
     words,
 )
@@ -85,6 +86,12 @@ def _check_rms(table: Table, here: Context) -> None:
         raise table.fail("thermal_time", "torque_rms_max in addition to a thermal_time")
 
 
+def _check_ripple(table: Table, here: Context) -> None:
+    ripple = here.values["torque_ripple"]
+    if ripple is not None and ripple.bound() >= 1.0:
+        raise table.fail("torque_ripple", "amplitudes whose sum is below 1", f"a sum of {ripple.bound():.3g}")
+
+
 def _read_curve(table: Table, key: Key, here: Context) -> tuple[tuple[float, float], ...]:
     from flexgen.spec.curve import read_curve
 
@@ -93,7 +100,9 @@ def _read_curve(table: Table, key: Key, here: Context) -> tuple[tuple[float, flo
 
 _CURVE = Type(_read_curve, list_of(list_of({"type": "number"}, 2)) | {"minItems": 2})
 _POINTS = "largest torque over the speed, motor side: points from the speed 0 on that bound a convex region"
+_SHARE = "change of the torque that the motor gives, as a part of it, over the motor angle"
 _THERMAL = "time constant over which torque_rms_max holds, as of the winding"
+STEEPEST = 0.5  # rate of a transmission error, motor side: the motor angle behind it is found by a few steps
 _RATIO = Type(_read_ratio, {"anyOf": [number().schema, vector().schema]})
 MOTOR = Format(
     "motor",
@@ -126,9 +135,22 @@ MOTOR = Format(
         Key("torque_rms_max", number(above=0.0), "limit of the root mean square of the torque", "N m", None),
         Key("thermal_time", number(above=0.0), f"{_THERMAL}; default: the whole motion", "s", None, check=_check_rms),
         Key("torque_speed", _CURVE, _POINTS, "rad/s, N m", default=()),
+        Key("cogging", sub(COGGING), "torque on the rotor in addition, over the motor angle", default=None),
+        Key("torque_ripple", sub(RIPPLE), _SHARE, default=None, check=_check_ripple),
     ),
     make=lambda drives, **values: Motor(drives=tuple(drives), **values),
 )
+
+
+def _check_error(place: Table, gear: Gear, joint: str, drivers: list[Motor]) -> None:
+    """Raise an error for a transmission error of coupled gears, and for one as steep as the gear."""
+    assert gear.transmission_error is not None
+    if [motor.drives for motor in drivers] != [(joint,)]:
+        raise place.fail("gear", "a transmission_error only where one motor of its own drives the joint", "one")
+    steep = abs(drivers[0].ratio[0]) * gear.transmission_error.bound(1)
+    if steep >= STEEPEST:
+        expected = f"amplitudes whose sum, each times its harmonic and the gear ratio, is below {STEEPEST}"
+        raise place.fail("gear", f"a transmission_error with {expected}", f"{steep:.3g}")
 
 
 def check_motors(table: Table, here: Context) -> None:
@@ -142,6 +164,8 @@ def check_motors(table: Table, here: Context) -> None:
         if not gear.rigid and gear.side == "motor" and [motor.drives for motor in drivers] != [(joint,)]:
             given = 'side = "motor" on a joint that is not driven by one motor of its own'
             raise place.fail("gear", 'side = "arm"', given)
+        if gear.transmission_error is not None:
+            _check_error(place, gear, joint, drivers)
     if len(found) != len(gears):
         expected = f"as many motors as actuated degrees of freedom, {len(gears)}"
         raise table.fail("motor", expected, f"{len(found)} motors")

@@ -31,6 +31,7 @@ from flexgen.model.elements import (
     Vector,
 )
 from flexgen.registry import added_names
+from flexgen.spec.fourier import fourier_sum
 from flexgen.spec.keys import (
     Context,
     Format,
@@ -271,6 +272,8 @@ HYSTERESIS = Format(
     make=Hysteresis,
     definition="hysteresis",
 )
+ERROR = fourier_sum(_either("rad"), "transmission_error")
+COGGING, RIPPLE = fourier_sum("N m", "cogging"), fourier_sum("", "torque_ripple")
 _PEAKS = (
     Key("torque_max", number(above=0.0), "limit of the torque, at the joint", "N m or N", None),
     Key("torque_rms_max", number(above=0.0), "limit of its root mean square over a motion", "N m or N", None),
@@ -283,6 +286,7 @@ _ELASTIC = Format(
         Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
         DAMPING,
         Key("hysteresis", sub(HYSTERESIS), "hysteresis in parallel with the spring; default: none", default=None),
+        Key("transmission_error", sub(ERROR), "transmission error at the joint, over the motor angle", default=None),
         *_PEAKS,
     ),
     make=lambda type, **values: Gear(False, **values),

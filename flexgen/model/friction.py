@@ -92,3 +92,27 @@ def refuse_hysteresis(model: Any, what: str) -> None:
             "only solve, simulate and generate take into account; remove the table hysteresis of the gear from the "
             "model file"
         )
+
+
+def has_harmonics(model: Any) -> str:
+    """The first Fourier sum of a motor angle in a `RobotModel`, such as "motor m1 has cogging"; empty: none."""
+    for coordinate in model.coordinates:
+        gear = None if coordinate.dof is None else coordinate.dof.gear
+        if gear is not None and gear.transmission_error is not None:
+            return f"gear of {coordinate.name} has transmission_error"
+    for motor in model.motors:
+        for key in ("cogging", "torque_ripple"):
+            if getattr(motor, key) is not None:
+                return f"motor {motor.name} has {key}"
+    return ""
+
+
+def refuse_harmonics(model: Any, what: str) -> None:
+    """ArgumentError for a model with Fourier sums of a motor angle: ``what`` does not take them into account."""
+    found = has_harmonics(model)
+    if found:
+        raise ArgumentError(
+            f"{what}: given {model.title}, whose {found}, expected gears and motors without transmission_error, "
+            "cogging and torque_ripple, which only solve without limits, simulate, control and generate take into "
+            "account; remove these tables from the model file"
+        )

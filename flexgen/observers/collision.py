@@ -23,6 +23,7 @@ from flexgen.errors import ArgumentError
 from flexgen.library.c_module import c_module
 from flexgen.library.model_library import library_with
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_harmonics
 from flexgen.results import Result
 from flexgen.spec.arguments import check_positive, is_number
 from flexgen.type_checks import checked_class, checked_result
@@ -84,6 +85,7 @@ class CollisionDetector:
             raise ArgumentError(
                 f"bandwidth_hz: given {bandwidth_hz!r}, expected more than 0, below {0.1 / sample_s:.4g}"
             )
+        refuse_harmonics(model, "CollisionDetector")
         self.model, self.sample_s, self.bandwidth_hz = model, sample_s, bandwidth_hz
         self.thresholds = np.zeros(model.n_m)
         self._library = library_with(model, FUNCTIONS)

@@ -32,7 +32,7 @@ from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.output_columns import unit_of
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import refuse_hysteresis
+from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 from flexgen.model.moves import Program
 from flexgen.paths.path import Path, check_range, find_move
 from flexgen.performance.program_time import ProgramSearch, legs_of
@@ -241,6 +241,7 @@ def fastest(
         raise ArgumentError(f"against: given {against!r}, expected {AGAINST!r} or None")
     robot = robot_of(model)
     refuse_hysteresis(robot, "fastest")
+    refuse_harmonics(robot, "fastest")
     if against is not None and robot.uncertainty is None:
         raise ArgumentError(f"against: given {robot.title} without a table [uncertainty], expected one in its file")
     check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")

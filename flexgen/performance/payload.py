@@ -24,6 +24,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_harmonics
 from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.spec.arguments import is_number
@@ -110,6 +111,7 @@ def identify_load(
     '8.0 kg'
     """
     robot = robot_of(model)
+    refuse_harmonics(robot, "identify_load")
     record = record if isinstance(record, Trajectory) else Trajectory.load(record)
     return _Estimate(robot, record, low_pass_hz, rigid).solve()
 

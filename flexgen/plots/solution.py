@@ -12,6 +12,7 @@ from flexgen.analysis.analyze import Analysis
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.motor_harmonics import gear_angles_along
 from flexgen.numerics.evaluate import evaluate
 from flexgen.plots import canvas as cv
 from flexgen.plots.canvas import save, svg
@@ -207,7 +208,7 @@ def elastic_groups(equations: Equations, trajectory: Trajectory) -> list[tuple[s
     for unit, title in (("rad", "elastic joints without motor"), ("m", "elastic translations and beam deflections")):
         chosen = [i for i in model.i_e if model.coordinates[i].unit == unit]
         groups.append((title, unit, q[:, chosen], [model.coordinates[i].name for i in chosen]))
-    deflection = np.linalg.solve(model.eta, trajectory["q_m"].T).T - q[:, list(model.i_g)]
+    deflection = gear_angles_along(model, trajectory["q_m"]) - q[:, list(model.i_g)]
     for unit in ("rad", "m"):
         chosen = []
         for k, i in enumerate(model.i_g):

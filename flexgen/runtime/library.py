@@ -135,7 +135,8 @@ class Library:
     @property
     def invert_limited(self) -> LimitedInverter:
         """Inverse dynamics along whole paths within limits; ArgumentError where the library has none."""
-        found = self._inverter("invert_limited", f"{_INVERTS}, in double precision, gears without hysteresis")
+        plain = "gears without hysteresis, motors without Fourier sums of their angle"
+        found = self._inverter("invert_limited", f"{_INVERTS}, in double precision, {plain}")
         assert isinstance(found, LimitedInverter)
         return found
 

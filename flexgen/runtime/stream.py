@@ -332,7 +332,9 @@ class Stream:
         self._entries.refuse_closed()
         entry = self._entries.limits
         if entry is None:
-            raise ArgumentError("stream: given limits, expected none where gears of the model have hysteresis")
+            raise ArgumentError(
+                "stream: given limits, expected none where the model has hysteresis or Fourier sums of motor angles"
+            )
         n_m = self._sizes["n_m"]
         both = [
             array_of("stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,), self._entries.real)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.motor_harmonics import carried_along, gear_angles_along
 from flexgen.model.friction import hysteretic_joints
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.growth import Motion
@@ -31,7 +32,7 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
         z, model = spline(t, _hysteresis(equations, motion))(middle), equations.model
         r_a, r_m = r_a.reshape(n, -1), r_m.reshape(n, -1)
         r_a[:, list(model.i_g)] -= z
-        r_m += z @ np.linalg.inv(model.eta)
+        r_m += carried_along(model, between[3], z)
     return np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
 
 
@@ -40,7 +41,7 @@ def _hysteresis(equations: Equations, motion: Motion) -> np.ndarray:
     from flexgen.mechanics.hysteresis import gear_hysteresis, torque_along
 
     model = equations.model
-    deflection = motion.q_m @ np.linalg.inv(model.eta).T - motion.q_a[:, list(model.i_g)]
+    deflection = gear_angles_along(model, motion.q_m) - motion.q_a[:, list(model.i_g)]
     return torque_along(gear_hysteresis(model), deflection) if motion.tau_h is None else motion.tau_h
 
 

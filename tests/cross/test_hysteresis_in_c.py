@@ -197,5 +197,5 @@ def test_limits_are_refused() -> None:
     with pytest.raises(ArgumentError, match=r"without invert_limited, expected .* gears without hysteresis"):
         library.invert_limited(*samples, period=1e-3, q_start=move.q_start, torque=[1.0, 1.0])
     stream = library.stream(samples[0][0], move.q_start, period=1e-3, intervals=HORIZON)
-    with pytest.raises(ArgumentError, match="stream: given limits, expected none where gears"):
+    with pytest.raises(ArgumentError, match="stream: given limits, expected none where the model has hysteresis"):
         stream.limit(torque=[1.0, 1.0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -50,12 +51,22 @@ class Gears:
         self.z, self.p = self.at(p), p
 
 
-def error_in_mujoco(
-    name: str, path: Trajectory, lost_motion: float, *, share: float = 1.0, step: float = 1e-4, feedback: bool = True
+Law = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def tool_error_in_mujoco(
+    name: str,
+    path: Trajectory,
+    law: Law,
+    kept: Callable[[np.ndarray, np.ndarray], None] = lambda q_g, q_m: None,
+    *,
+    step: float = 1e-4,
+    feedback: bool = True,
 ) -> float:
     """Largest distance [m] of MuJoCo's tool from the path until 0.1 s after it, RK4, PD about the torque of the path.
 
-    The robot has gears with ``lost_motion`` [rad]; zero: without hysteresis.
+    ``law(q_g, v_g, q_m, v_m, tau_m)``: torques on joints and rotors in addition to springs, dampers and frictions, and
+    what the motors give; ``kept(q_g, q_m)`` is called after each step.
     """
     import mujoco
 
@@ -65,11 +76,9 @@ def error_in_mujoco(
     names = [c.name for c in model.coordinates] + [f"rotor.{motor.name}" for motor in model.motors]
     at = m.jnt_dofadr[[m.joint(joint).id for joint in names]]
     arm, rotors = at[: model.n_a], at[model.n_a :]
-    joints, inverse = arm[list(model.i_g)], np.linalg.inv(model.eta)
+    joints = arm[list(model.i_g)]
     motors, site = [m.actuator(motor.name).id for motor in model.motors], m.site("tool").id
     d.qpos[at] = np.concatenate([path["q_a"][0], path["q_m"][0]])
-    K = joint_stiffness(model)
-    gears = Gears(share * K, 0.5 * lost_motion * K + 1e-30, inverse @ d.qpos[rotors] - d.qpos[joints])
     inertia = np.array([motor.inertia for motor in model.motors])
     k_p, k_v = inertia * (2 * np.pi * FREQUENCY) ** 2 * feedback, 2 * inertia * 2 * np.pi * FREQUENCY * feedback
     start, end = float(path.time[0]), float(path.time[-1])
@@ -81,16 +90,16 @@ def error_in_mujoco(
     def control(m: Any, d: Any) -> None:
         k = round((d.time - start) / (step / 2))
         q, v = d.qpos[rotors], d.qvel[rotors]
-        d.ctrl[motors] = given["tau_m"][k] + k_p * (given["q_m"][k] - q) + k_v * (given["v_m"][k] - v)
-        z = gears.at(inverse @ q - d.qpos[joints])
-        d.qfrc_applied[joints], d.qfrc_applied[rotors] = z, -inverse.T @ z
+        tau = given["tau_m"][k] + k_p * (given["q_m"][k] - q) + k_v * (given["v_m"][k] - v)
+        d.qfrc_applied[joints], d.qfrc_applied[rotors], d.ctrl[motors] = law(d.qpos[joints], d.qvel[joints], q, v, tau)
 
     worst, output = 0.0, list(range(path["y_ref"].shape[1]))[:3]
+    kept(d.qpos[joints], d.qpos[rotors])
     mujoco.set_mjcb_control(control)
     try:
         for k in range(steps):
             mujoco.mj_step(m, d)
-            gears.keep(inverse @ d.qpos[rotors] - d.qpos[joints])
+            kept(d.qpos[joints], d.qpos[rotors])
             mujoco.mj_kinematics(m, d)
             wanted = given["y_ref"][2 * (k + 1)]
             axes = "xyz" if model.output.type == "tool_pose" else model.output.axes
@@ -99,3 +108,22 @@ def error_in_mujoco(
     finally:
         mujoco.set_mjcb_control(None)
     return worst
+
+
+def error_in_mujoco(
+    name: str, path: Trajectory, lost_motion: float, *, share: float = 1.0, step: float = 1e-4, feedback: bool = True
+) -> float:
+    """`tool_error_in_mujoco` of a robot whose gears have ``lost_motion`` [rad]; zero: without hysteresis."""
+    model = flexgen.read(name)
+    K, inverse = joint_stiffness(model), np.linalg.inv(model.eta)
+    start = inverse @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]
+    gears = Gears(share * K, 0.5 * lost_motion * K + 1e-30, start)
+
+    def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
+        z = gears.at(inverse @ q_m - q_g)
+        return z, -inverse.T @ z, tau
+
+    def kept(q_g: np.ndarray, q_m: np.ndarray) -> None:
+        gears.keep(inverse @ q_m - q_g)
+
+    return tool_error_in_mujoco(name, path, law, kept, step=step, feedback=feedback)

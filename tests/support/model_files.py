@@ -128,6 +128,7 @@ def everything(folder: Path) -> Path:
     text = ""
     for k in range(6):
         lossy = ", hysteresis = { lost_motion = 1e-4, stiffness = 1e5 }" if k == 0 else ""
+        lossy += ", transmission_error = { harmonics = [1, 2], cos = [1e-5, 2e-5] }" if k == 1 else ""
         gear = (
             f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1{lossy}, torque_max = 9 }}'
             if k < 5
@@ -148,6 +149,7 @@ def everything(folder: Path) -> Path:
         text += f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-3\n'
         text += 'axis = [0, 0, 1]\ncarrier = "base"\n'
         text += "torque_rate_max = 9e3\ntorque_rms_max = 9\nthermal_time = 60\ntorque_speed = [[0, 9], [300, 5]]\n"
+        text += "cogging = { harmonics = [6], sin = [0.1] }\ntorque_ripple = { harmonics = [6], cos = [0.01] }\n"
     path = folder / "everything.toml"
     path.write_text(EVERYTHING.format(elements=text))
     return path

@@ -17,7 +17,7 @@ from flexgen.exports.fmu.plant import payload_variables
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, STATUS, Variable
 from flexgen.library.stream_defaults import stream_defaults
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.signatures import INVERSION, offered_functions
+from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -50,7 +50,7 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
         )
     equations = derive(model, ("payload",))
     offered = offered_functions(model)
-    spec = library_spec(equations, [name for name in INVERSION if name in offered])
+    spec = library_spec(equations, [name for name in INVERTING if name in offered])
     options = stream_defaults(model, spec)
     if options is None:
         raise ArgumentError(

@@ -1,0 +1,64 @@
+"""Models with Fourier sums of the motor angles, and such a robot in MuJoCo with sums of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from hysteretic import ARCMIN, joint_stiffness, tool_error_in_mujoco
+
+import flexgen
+from flexgen.exports.mujoco_checks import with_friction
+from flexgen.trajectory import Trajectory
+
+ERROR = {"harmonics": [1, 2], "cos": [0.2 * ARCMIN, -0.35 * ARCMIN], "sin": [-0.1 * ARCMIN, 0.25 * ARCMIN]}  # rad
+COGGING = {"harmonics": [2, 6], "cos": [0.02, -0.03], "sin": [0.05, 0.01]}  # N m
+RIPPLE = {"harmonics": [1, 6], "cos": [0.02, 0.01], "sin": [-0.01, 0.015]}
+
+
+def harmonic(name: str, size: float = 1.0, error: bool = True, torque: bool = True) -> flexgen.RobotModel:
+    """A model of models/ with sums of the motor angles in all gears and motors, ``size`` times those above."""
+
+    def sized(table: dict[str, Any]) -> dict[str, Any]:
+        return table | {key: [size * x for x in table[key]] for key in ("cos", "sin")}
+
+    made: dict[str, Any] = {}
+    for element in flexgen.read(name).elements:
+        for dof in element.dofs:
+            if dof.gear is not None and dof.gear.spring is not None and error:
+                made[f"element.{element.name}.dof.{dof.name}.gear.transmission_error"] = sized(ERROR)
+    for motor in flexgen.read(name).motors:
+        if torque:
+            made |= {f"motor.{motor.name}.cogging": sized(COGGING), f"motor.{motor.name}.torque_ripple": sized(RIPPLE)}
+    return with_friction(flexgen.read(name, overrides=made), "viscous")
+
+
+def value(table: dict[str, Any], q: np.ndarray, order: int = 0) -> np.ndarray:
+    """The sum at the angles ``q``, or a derivative."""
+    total = np.zeros_like(q)
+    for k, c, s in zip(table["harmonics"], table["cos"], table["sin"], strict=True):
+        total += k**order * (c * np.cos(k * q + order * np.pi / 2) + s * np.sin(k * q + order * np.pi / 2))
+    return total
+
+
+def error_in_mujoco(name: str, path: Trajectory, size: float = 1.0, **options: Any) -> float:
+    """`tool_error_in_mujoco` of a robot with ``size`` times the sums above, each motor with one joint of its own."""
+    model = flexgen.read(name)
+    ratios = np.diag(model.eta)
+    assert np.array_equal(np.diag(ratios), model.eta)
+    K = joint_stiffness(model)
+    D = np.array(
+        [
+            gear.damping * (n**2 if gear.side == "motor" else 1.0)
+            for gear, n in zip((model.coordinates[i].dof.gear for i in model.i_g), ratios, strict=True)
+        ]
+    )
+
+    def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
+        e, slope = size * value(ERROR, q_m), size * value(ERROR, q_m, 1)
+        plain = K * (q_m / ratios - q_g) + D * (v_m / ratios - v_g)  # MuJoCo has these
+        torque = plain - K * e - D * slope * v_m
+        on_motors = plain / ratios - torque * (1 / ratios - slope) + size * value(COGGING, q_m)
+        return torque - plain, on_motors, tau * (1 + size * value(RIPPLE, q_m))
+
+    return tool_error_in_mujoco(name, path, law, **options)
