@@ -107,7 +107,8 @@ generate MODEL | generate:generate | generate
         parameters NAME,NAME,... names: model parameters that become arguments of the functions: payload, stiffness,
             damping, friction, q2.stiffness, ...
         parts NAME,NAME,... names --with: optional parts: bvp, another method for whole paths, to check invert;
-            derivatives: products with derivatives of the functions, for JAX and PyTorch
+            derivatives: products with derivatives of the functions, for JAX and PyTorch; position: positions to send to
+            the servo of the model file
         precision NAME in=double/single old=--single=single: of the numbers in C; default: {default}
     compilation
         no_build: write the sources, do not compile
@@ -144,8 +145,7 @@ solve MODEL | solve:solve | solve
             hold); the torques to send are verified with it and written to FILE_command next to --out FILE
         sample_time S positive: sample time of the controller [s]; default: 0.001
         delay S not_negative: time from a tick of the controller until the motor has the torque [s]; default: {default}
-        command in=torque/position: position: the trajectory also has the positions to send to the servo of the model
-            file, command_m and command_g; default: {default}
+        command in=torque/position: position: also write command_m and command_g, to send to the servo of the model
     files
         out FILE trajectory_file: write the trajectory to this file (.npz, .csv or .mat)
         @report

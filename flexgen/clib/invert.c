@@ -533,6 +533,10 @@ static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int
     m.q_m = results_from(a->motion->q_m, k * all * NM);
     m.v_m = results_from(a->motion->v_m, k * all * NM);
     m.tau_m = results_from(a->motion->tau_m, k * all * NM);
+#if MODEL_POSITION
+    m.command_m = results_from(a->motion->command_m, k * all * NM);
+    m.command_g = results_from(a->motion->command_g, k * all * NG);
+#endif /* MODEL_POSITION */
     a->info[k] = unknown;
     a->statuses[k] = model_invert(&p, PASSED_PARAMETERS q_start, a->options, &m, a->info + k, work, work_size);
     if (a->statuses[k] < 0) {
@@ -543,6 +547,10 @@ static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int
         set_to_nan(m.q_m, all * NM);
         set_to_nan(m.v_m, all * NM);
         set_to_nan(m.tau_m, all * NM);
+#if MODEL_POSITION
+        set_to_nan(m.command_m, all * NM);
+        set_to_nan(m.command_g, all * NG);
+#endif /* MODEL_POSITION */
     }
 }
 

@@ -512,7 +512,11 @@ static model_status invert_deviated(
 static model_status follow_deviated(
     limited_call *m, const inner_call *call, const real *c, real *at_node, real *extreme, real *worst)
 {
+#if MODEL_POSITION
+    model_motion motion = {m->q_a, NULL, NULL, NULL, NULL, m->v_m, m->tau_m, NULL, NULL};
+#else  /* MODEL_POSITION */
     model_motion motion = {m->q_a, NULL, NULL, NULL, NULL, m->v_m, m->tau_m};
+#endif /* MODEL_POSITION */
     model_status status;
     deviate(m, call->p, c);
     status = invert_deviated(m, call, &call->options, &motion);
@@ -961,7 +965,11 @@ static model_status invert_within(const model_samples *path, PARAMETERS_ARGUMENT
     call.options.tolerance = fmin_1(rough_tolerance * options->tolerance, PRECISE(1e-3, 1e-2));
     call.info = inner;
     {
+#if MODEL_POSITION
+        model_motion first = {NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+#else  /* MODEL_POSITION */
         model_motion first = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+#endif /* MODEL_POSITION */
         status = check_arguments(path, values, q_start, options, &first, report, work, m.inner_size, m.inner_size);
         if (status != MODEL_OK) {
             return status;

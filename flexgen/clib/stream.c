@@ -329,6 +329,10 @@ static inline interval_results results_in(real *s, const layout *l)
     out.q_m = out.tau_g + n * NG;
     out.v_m = out.q_m + n * NM;
     out.tau_m = out.v_m + n * NM;
+#if MODEL_POSITION
+    out.command_m = s + l->command;
+    out.command_g = out.command_m + n * NM;
+#endif /* MODEL_POSITION */
     return out;
 }
 
@@ -504,6 +508,15 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
         !(options->tolerance > 0.0 && options->tolerance < 1.0)) {
         return MODEL_BAD_ARGUMENT;
     }
+#if MODEL_POSITION
+    if (options->servo != NULL && !has_gains(options->servo)) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (options->servo != NULL && !servo_fits(options->servo, options->period / (real)options->samples_per_interval,
+                                      (real)options->hold, options->delay)) {
+        return MODEL_BAD_ARGUMENT;
+    }
+#endif /* MODEL_POSITION */
     l = laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay);
     if (given->size < l.end) {
         return MODEL_WORK_TOO_SMALL;
@@ -536,6 +549,12 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     stream[PART] = (real)NO_UPDATE;
     stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
+#if MODEL_POSITION
+    stream[l.servo + SERVO_SAMPLE] = 0.0;
+    if (options->servo != NULL) {
+        keep_servo(options->servo, stream + l.servo);
+    }
+#endif /* MODEL_POSITION */
     for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
@@ -773,6 +792,10 @@ model_status model_stream_finish(const model_stream *given, model_motion *motion
     give(out.q_m, n * NM, motion->q_m);
     give(out.v_m, n * NM, motion->v_m);
     give(out.tau_m, n * NM, motion->tau_m);
+#if MODEL_POSITION
+    give(out.command_m, n * NM, motion->command_m);
+    give(out.command_g, n * NG, motion->command_g);
+#endif /* MODEL_POSITION */
     stream[PART] = (real)NO_UPDATE;
     info->residual = stream[RESIDUAL];
     info->kinematic_mismatch = stream[MISMATCH];
@@ -830,7 +853,11 @@ static model_status check_samples(const model_samples *p)
 COLD model_status model_stream_start_moving(const model_stream *given, const model_stream_options *options,
     const model_samples *path, PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
 {
+#if MODEL_POSITION
+    model_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+#else  /* MODEL_POSITION */
     model_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+#endif /* MODEL_POSITION */
     model_stream_info info;
     model_status status;
     ptrdiff_t now;
@@ -844,6 +871,11 @@ COLD model_status model_stream_start_moving(const model_stream *given, const mod
         !(fabs_1(path->period - options->period) <= 1e-6 * options->period)) {
         return MODEL_BAD_ARGUMENT;
     }
+#if MODEL_POSITION
+    if (options->servo != NULL) { /* its state is not known */
+        return MODEL_BAD_ARGUMENT;
+    }
+#endif /* MODEL_POSITION */
     status = check_samples(path);
     if (status != MODEL_OK) {
         return status;

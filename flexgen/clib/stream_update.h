@@ -14,6 +14,9 @@
 #include "model_mesh.h"
 #include "model_motors.h"
 #include "model_path.h"
+#if MODEL_POSITION
+#include "model_servo.h"
+#endif /* MODEL_POSITION */
 
 /*
  * --- The memory of a stream.
@@ -74,6 +77,9 @@ typedef struct {
     ptrdiff_t limits; /* limits of the motors, and the deviation */
     ptrdiff_t output; /* results of an update that the caller does not want */
     ptrdiff_t last, tau, deflection, lagged, now, joint, most, expected, q_g, reference, nodes, lq, space, end;
+#if MODEL_POSITION
+    ptrdiff_t servo, command; /* see servo.h; the commands */
+#endif                        /* MODEL_POSITION */
     ptrdiff_t torque; /* motor torques that held ones depend on: HOLD_BEFORE samples, those of this update, ahead */
     ptrdiff_t y, a, a_node, factor, point, costs, row, linear, scale, target_state, cost, levels;
 } layout;
@@ -127,6 +133,10 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
     PLACE(lq, (ptrdiff_t)(sizeof(problem_points) / sizeof(real)));
 #endif
     PLACE(space, function_work());
+#if MODEL_POSITION
+    PLACE(servo, SERVO_NUMBERS);
+    PLACE(command, (ptrdiff_t)samples_per_interval * (NM + NG));
+#endif /* MODEL_POSITION */
     PLACE(torque, l.ahead > 0 ? (HOLD_BEFORE + samples_per_interval + l.ahead + 1) * NM : 0);
 #undef PLACE
     l.end = at;
@@ -687,6 +697,9 @@ static const real negligible_motion = PRECISE(3e-8, 1e-5), negligible_step = PRE
 /* Results of an update, sample after sample. */
 typedef struct {
     real *q_a, *v_a, *tau_g, *q_m, *v_m, *tau_m;
+#if MODEL_POSITION
+    real *command_m, *command_g;
+#endif /* MODEL_POSITION */
 } interval_results;
 
 /* Motion and gear torques of the arm in the window around the interval; worst: the largest residual in the interval. */
@@ -945,9 +958,21 @@ static inline int motors_in_interval(
             copy(tau_m, NM, torque + i * NM); /* at equilibrium before */
         }
     }
+#if MODEL_POSITION
+    if (is_first && s[l->servo + SERVO_SAMPLE] > 0.0) {
+        begin_servo(out->tau_m, out->q_m, s + l->servo); /* before the torques are held, as for a whole path */
+    }
+#endif /* MODEL_POSITION */
     if (l->ahead > 0) {
         hold_interval(s, l, out->tau_m);
     }
+#if MODEL_POSITION
+    if (s[l->servo + SERVO_SAMPLE] > 0.0) {
+        give_commands(out->tau_m, out->q_m, samples_per_interval, s + l->servo, out->command_m, out->command_g);
+    } else {
+        no_commands(samples_per_interval, out->command_m, out->command_g);
+    }
+#endif /* MODEL_POSITION */
     return MODEL_OK;
 }
 

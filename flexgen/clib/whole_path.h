@@ -12,6 +12,9 @@
 #include "model_mesh.h"
 #include "model_motors.h"
 #include "model_reduced_problem.h"
+#if MODEL_POSITION
+#include "model_servo.h"
+#endif /* MODEL_POSITION */
 
 /*
  * --- Gears and motors at all samples of a path, POINTS samples at a time.
@@ -531,6 +534,16 @@ static inline model_status check_arguments(const model_samples *p, const real *p
         !hold_fits((real)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
         return MODEL_BAD_ARGUMENT;
     }
+#if MODEL_POSITION
+    if (o->servo != NULL && (motion->command_m != NULL || motion->command_g != NULL)) {
+        if (motion->q_m == NULL || motion->tau_m == NULL || !has_gains(o->servo)) {
+            return MODEL_NULL_ARGUMENT;
+        }
+        if (!servo_fits(o->servo, p->period, (real)o->hold, o->delay)) {
+            return MODEL_BAD_ARGUMENT;
+        }
+    }
+#endif /* MODEL_POSITION */
     if (work_size < wanted) {
         return MODEL_WORK_TOO_SMALL;
     }
@@ -1013,9 +1026,24 @@ static inline model_status finish(const model_samples *p, const model_inversion_
         }
         report->n_post = (int)r.samples - o->n_pre - p->n;
     }
+#if MODEL_POSITION
+    if (o->servo != NULL && (motion->command_m != NULL || motion->command_g != NULL)) {
+        real servo[SERVO_NUMBERS];
+        keep_servo(o->servo, servo);
+        begin_servo(r.tau_m, r.q_m, servo); /* before the torques are held: the first one holds the robot at rest */
+        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+        give_commands(r.tau_m, r.q_m, (ptrdiff_t)l->samples, servo, motion->command_m, motion->command_g);
+    } else {
+        no_commands((ptrdiff_t)l->samples, motion->command_m, motion->command_g);
+        if (r.tau_m != NULL) {
+            hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+        }
+    }
+#else  /* MODEL_POSITION */
     if (r.tau_m != NULL) {
         hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
     }
+#endif /* MODEL_POSITION */
     return report->residual_at_samples <= sampled_tolerances * o->tolerance &&
                    report->kinematic_mismatch <= mismatch_max ?
                MODEL_OK :

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexgen.codegen.clib_types import CFunction, Field
-from flexgen.codegen.interface import DERIVATIVES, FORCE, OUTPUT, PARTS, RATE, SECOND
+from flexgen.codegen.interface import DERIVATIVES, FORCE, OUTPUT, PARTS, POSITION, RATE, SECOND
 from flexgen.codegen.kinematic_functions import kinematic_functions
 from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS
+from flexgen.codegen.motor_constants import position_obstacle
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.signatures import INVERTING, offered_functions
@@ -70,6 +71,20 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "",
         (),
         returns="stream_options",
+    ),
+    CFunction(
+        "servo_defaults",
+        "",
+        "The position servo of the model file, for the member servo of options.",
+        "With it invert, bvp, invert_limited and streams give the positions to send to the robot, in addition to the "
+        "torques: the reference with which the servo sends tau_m along q_m. They need the hold HOLD_ZOH, and samples "
+        "and delay of the servo (BAD_ARGUMENT), whole paths also q_m and tau_m (NULL_ARGUMENT). The servo rests at the "
+        "first sample, and its integral part holds the torque there; so stream_start_moving takes no servo "
+        "(BAD_ARGUMENT). Where positions are sent less often than the servo samples them, these are not the best ones.",
+        (),
+        returns="servo",
+        double=True,
+        part=POSITION,
     ),
     CFunction(
         "invert_work",
@@ -345,6 +360,8 @@ def offered_c_functions(
         return kinematic
     offered = [f for f in C_FUNCTIONS if model.n_e or not f.elastic]
     offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
+    if position_obstacle(model) is not None:
+        offered = [f for f in offered if f.part != POSITION]
     if hysteretic_joints(model) or has_harmonics(model):
         offered = [f for f in offered if f.name not in OF_PLAIN_MOTORS]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
@@ -361,10 +378,15 @@ def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str
         if part != DERIVATIVES and not any(
             f.part == part for f in offered_c_functions(model, functions, (), precision, parts)
         ):
-            reason = inversion_reason(model, functions) or (
-                "it is in double precision only"
-                if precision != "double"
-                else f"model {model.name} has no coordinates without motor"
+            obstacle = position_obstacle(model) if part == POSITION else None
+            reason = (
+                inversion_reason(model, functions)
+                or obstacle
+                or (
+                    "it is in double precision only"
+                    if precision != "double"
+                    else f"model {model.name} has no coordinates without motor"
+                )
             )
             raise ArgumentError(f"parts: given {part!r}, but {reason}; leave it out")
 

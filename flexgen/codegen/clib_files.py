@@ -7,16 +7,15 @@ them.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from functools import cache
 from importlib.resources import files
 
 from flexgen.codegen.c_text import comment, declaration, macro, size_macro
 from flexgen.codegen.clib_types import CFunction, Enum, Field, Struct
-from flexgen.codegen.header import works
+from flexgen.codegen.constants_header import constants_header, has_positions, is_harmonic, is_hysteretic, space_of
 from flexgen.codegen.interface import LIMITS
-from flexgen.codegen.motor_constants import MotorConstants
-from flexgen.codegen.spec import FunctionSpec, LibrarySpec
+from flexgen.codegen.spec import LibrarySpec
 from flexgen.codegen.stream_bounds import BLOCK, CALL, Linear, stream_operations, stream_size
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText
@@ -35,7 +34,8 @@ KERNEL = (
     "undefine.h",
 )  # of every library
 _SECTION = re.compile(
-    r"^#if MODEL_(FORCE|HYSTERESIS|HARMONICS)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?^#endif +/\* MODEL_\1 \*/\n",
+    r"^#if MODEL_(FORCE|HYSTERESIS|HARMONICS|POSITION)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
+    r"^#endif +/\* MODEL_\1 \*/\n",
     re.DOTALL | re.MULTILINE,
 )
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
@@ -52,21 +52,14 @@ def read_clib() -> dict[str, str]:
     return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
 
 
-def render(
-    text: str,
-    name: str,
-    precision: str = "double",
-    force: bool = False,
-    hysteresis: bool = False,
-    harmonics: bool = False,
-) -> str:
+def render(text: str, name: str, precision: str = "double", parts: Collection[str] = ()) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
-    ``force``, ``hysteresis``, ``harmonics``: with the parts for forces on the output, for gears with hysteresis, for
-    Fourier sums of motor angles, which other libraries do not have.
+    ``parts``: ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``POSITION`` where it has the parts for forces on the output,
+    for gears with hysteresis, for Fourier sums of motor angles, for positions to send, which other libraries do not
+    have.
     """
-    with_part = {"FORCE": force, "HYSTERESIS": hysteresis, "HARMONICS": harmonics}
-    text = _SECTION.sub(lambda found: found[2] if with_part[found[1]] else found[3] or "", text)
+    text = _SECTION.sub(lambda found: found[2] if found[1] in parts else found[3] or "", text)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
     text = re.sub(r"\bMODEL_", f"{name.upper()}_", text)
     if precision == "double":
@@ -96,24 +89,20 @@ def kernel_files(name: str, precision: str) -> dict[str, str]:
     return {f"{name}_{new}": render(read_clib()[file], name) for file, new in sorted(chosen.items())}
 
 
-def is_hysteretic(spec: LibrarySpec) -> bool:
-    """Whether the library inverts a model some of whose gears have hysteresis."""
-    return spec.motor_constants is not None and any(spec.motor_constants.hysteresis_slip)
-
-
-def is_harmonic(spec: LibrarySpec) -> bool:
-    """Whether the library inverts a model with Fourier sums of motor angles."""
-    return any(f.name == "motor_harmonics" for f in spec.functions)
-
-
 def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
     """The private files of the inversion, by name; none where the library has no inversion."""
     if not spec.inverts or spec.motor_constants is None:
         return {}
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
-    names = [name for name in names if is_hysteretic(spec) or name != "hysteresis.h"]
-    parts = spec.precision, spec.force, is_hysteretic(spec), is_harmonic(spec)
-    texts = {name: render(read_clib()[name], spec.name, *parts) for name in names}
+    has = {
+        "FORCE": spec.force,
+        "HYSTERESIS": is_hysteretic(spec),
+        "HARMONICS": is_harmonic(spec),
+        "POSITION": has_positions(spec),
+    }
+    parts, files = [part for part in has if has[part]], {"hysteresis.h": "HYSTERESIS", "servo.h": "POSITION"}
+    names = [name for name in names if files.get(name) in (None, *parts)]
+    texts = {name: render(read_clib()[name], spec.name, spec.precision, parts) for name in names}
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)
@@ -190,12 +179,14 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
     sizes = {**spec.sizes, "n_t": n_t + more}
-    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, is_hysteretic(spec))
+    size = stream_size(
+        sizes, space_of(spec, written) + len(spec.parameters) + more, block, is_hysteretic(spec), has_positions(spec)
+    )
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
         arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries + more * n_a
-    most = stream_operations(sizes, arithmetic, block, is_hysteretic(spec))
+    most = stream_operations(sizes, arithmetic, block, is_hysteretic(spec), has_positions(spec))
 
     def linear(name: str, bound: Linear) -> str:
         arguments = "intervals, samples_per_interval"
@@ -244,12 +235,6 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
             *(f"#define {macro(spec, name)} {value} /* {doc} */\n" for name, value, doc in values),
         ]
     return "".join(lines)
-
-
-def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERTING) -> int:
-    """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
-    used = (f for f in spec.functions if f.name in names)
-    return max(max(works(f, written[f.name], spec.precision)) for f in used)
 
 
 def _enum(spec: LibrarySpec, enum: Enum) -> str:
@@ -306,9 +291,10 @@ def stack_bytes(spec: LibrarySpec) -> int:
     n_a, n_e, n_y, n_g = (spec.sizes.get(key, 0) for key in ("n_a", "n_e", "n_y", "n_g"))
     at_rest = n_a * (n_a + 4 * n_y + 3 * n_e + 16)
     zeros = 3 * n_e * (n_e + 1) + 40 * n_e  # of A, D, K at an end; or eight rows of a step
+    servo = has_positions(spec) * (11 * n_g + 3)
     branches = is_hysteretic(spec) * (80 * (n_g + 8) + 16 * n_g)  # of gears with hysteresis: arrays of lanes
     waves = is_harmonic(spec) * 160 * spec.sizes["n_m"]  # of motors with Fourier sums: motion and factors, in points
-    return -(-(8 * (at_rest + zeros + branches + waves) + 10_000) // 1024) * 1024
+    return -(-(8 * (at_rest + zeros + branches + waves + servo) + 10_000) // 1024) * 1024
 
 
 def _in_brackets(extent: str) -> str:
@@ -323,127 +309,3 @@ def _declare_field(spec: LibrarySpec, field: Field, sized: bool = False) -> str:
     if fixed:
         return f"{kind.removesuffix(' *')} {field.name}[{size_macro(spec, field.extents[0])}]"
     return f"{kind}{field.name}" if kind.endswith("*") else f"{kind} {field.name}"
-
-
-def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapping[str, FunctionText]) -> str:
-    """Text of ``<name>_motor_constants.h``: numbers of the model as constants."""
-
-    def join(values: Sequence[float]) -> str:
-        return f"{{{', '.join(literal(x, spec.precision) for x in values)}}}"
-
-    def integers(name: str, size: str, values: Sequence[int]) -> str:
-        return f"static const int {name}[{size}] = {{{', '.join(str(int(x)) for x in values)}}};\n"
-
-    prefix = spec.name.upper()
-    ng, nm = f"{prefix}_NG", f"{prefix}_NM"
-    text = integers("i_g", ng, constants.i_g)
-    text += integers("i_e", f"{prefix}_NE", constants.i_e) if constants.i_e else integers("i_e", "1", [0])  # not read
-    text += integers("gear_is_rigid", ng, [int(x) for x in constants.gear_is_rigid])
-    text += integers("gear_is_linear", ng, [int(x) for x in constants.gear_is_linear])
-    text += _damping(spec, constants, join)
-    for name, A, rows, columns in (("eta", constants.eta, nm, ng), ("eta_inverse", constants.eta_inverse, ng, nm)):
-        body = ",\n".join(f"    {join(row)}" for row in A)
-        text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
-    text += f"static const real rotor_inertia[{nm}] = {join(constants.rotor_inertia)};\n"
-    if is_hysteretic(spec):
-        text += (
-            f"static const real hysteresis_stiffness[{ng}] = {join(constants.hysteresis_stiffness)}; /* arm side */\n"
-        )
-        text += f"static const real hysteresis_slip[{ng}] = {join(constants.hysteresis_slip)}; /* 0: none */\n"
-    text += _for_growth(spec, written, join(constants.arm_side))
-    used = [f for f in spec.functions if f.name in INVERTING]
-    space = space_of(spec, written)
-    calls = "".join(_call(spec, f, written[f.name].work) + batch_call(spec, f) for f in used)
-    return f"""\
-/*
- * {spec.name}: gears, motors and the kind of output, for the inversion; private. Written by flexgen; see {spec.name}.h.
- */
-#ifndef {prefix}_MOTOR_CONSTANTS_H
-#define {prefix}_MOTOR_CONSTANTS_H
-
-#include "{spec.name}_batch.h"
-
-#include "{spec.name}_private.h"
-
-#define {prefix}_POSE {int(constants.pose)} /* the output is a pose: position, then rotation */
-#define {prefix}_PARAMETERS {len(spec.parameters)} /* run-time parameters, stored behind the workspace */
-#define {prefix}_INVERSION_SPACE {space} /* reals of workspace for the functions below */
-#define PARAMETERS_OF(space) ((space) + {prefix}_INVERSION_SPACE + BLOCK)
-
-/* Indices of the coordinates with and without motor; q_m = eta q_g where no gear is deflected. */
-{text}
-/* The functions that the inversion uses, with a workspace that some of them do not need. */
-{_parameter_macros(spec)}{calls}
-#endif
-"""
-
-
-def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
-    """A macro that calls a function with a workspace, whether it needs one or not."""
-    ports, given = _ports_of_call(spec, f)
-    call = f"{spec.name}_{f.name}({given}{', work' if work else ''})"
-    needed = work or ports != given
-    return f"#define evaluate_{f.name}({ports}, work) {call if needed else f'((void)(work), {call})'}\n"
-
-
-def batch_call(spec: LibrarySpec, f: FunctionSpec) -> str:
-    """A macro that calls a function for many points."""
-    ports, given = _ports_of_call(spec, f)
-    return f"#define evaluate_{f.name}_batch(n, {ports}, work) {spec.name}_{f.name}_batch(n, {given}, work)\n"
-
-
-def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
-    """The arguments of a macro, and those of the function: the run-time parameters are in the workspace."""
-    names = [p.name for p in (*f.inputs, *f.outputs)]
-    held = {"parameters": "PARAMETERS_OF(work)"} if spec.parameters else {}
-    return ", ".join(name for name in names if name not in held), ", ".join(held.get(name, name) for name in names)
-
-
-def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
-    """What the function growth needs: scales of positions, and the linearization with a workspace of its own."""
-    prefix = spec.name.upper()
-    grows = any(f.file == "growth.c" for f in spec.c_functions)
-    flag = f"#define {prefix}_GROWS {int(grows)} /* the library has the function growth */\n"
-    if not grows:
-        return flag
-    (f,) = (f for f in spec.functions if f.name == "linearize")
-    ports, text = [p.name for p in (*f.inputs, *f.outputs)], written[f.name]
-    macros = ", ".join([*(name for name in ports if name != "parameters"), "parameters", "work"])
-    given = ", ".join([*ports, *["work"] * (text.work > 0)])
-    return (
-        f"{flag}static const real arm_side[{prefix}_NX / 2] = {arm_side}; /* factors of the positions in a state */\n"
-        f"#define {prefix}_LINEARIZE_SPACE {space_of(spec, written, (f.name,))}\n"
-        f"#define evaluate_linearize({macros}) ((void)(parameters), (void)(work), {spec.name}_linearize({given}))\n"
-    )
-
-
-def _damping(spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Sequence[float]], str]) -> str:
-    """The damping of the gears on the arm side; some values may be run-time parameters times a factor."""
-    ng = f"{spec.name.upper()}_NG"
-    at = {p.name.removesuffix(".damping"): k for k, p in enumerate(spec.parameters) if p.name.endswith(".damping")}
-    index = [at.get(name, -1) for name in constants.gears]
-    given = zip(index, constants.damping_factor, constants.gear_damping, strict=True)
-    values = [factor if k >= 0 else damping for k, factor, damping in given]
-    text = f"static const real gear_damping[{ng}] = {listed(values)}; /* arm side */\n"
-    if max(index) < 0:
-        body = "    (void)space;\n    return gear_damping[gear];\n"
-    else:
-        numbers = ", ".join(map(str, index))
-        text += "/* run-time parameter that the damping is proportional to; -1: none */\n"
-        text += f"static const int damping_parameter[{ng}] = {{{numbers}}};\n"
-        body = (
-            "    const int k = damping_parameter[gear];\n"
-            "    return k < 0 ? gear_damping[gear] : gear_damping[gear] * PARAMETERS_OF(space)[k];\n"
-        )
-    return f"{text}static inline real damping_of(int gear, const real *space)\n{{\n{body}}}\n"
-
-
-def _parameter_macros(spec: LibrarySpec) -> str:
-    """How many run-time parameters there are, and how they become an argument of the functions."""
-    count = len(spec.parameters)
-    argument = " const real *parameters," if count else ""
-    given = "parameters" if count else "no_parameters"
-    passed = " parameters," if count else ""
-    empty = "" if count else "static const real no_parameters[1] = {0};\n"
-    macros = {"PARAMETERS_ARGUMENT": argument, "GIVEN_PARAMETERS": f" {given}", "PASSED_PARAMETERS": passed}
-    return empty + "".join(f"#define {name}{text}\n" for name, text in macros.items())

@@ -8,10 +8,11 @@ from flexgen.codegen.amalgamation import MATHEMATICS
 from flexgen.codegen.c_text import count_of, macro, prototype, quote, size_macro
 from flexgen.codegen.clib_types import CFunction
 from flexgen.codegen.header import tile
-from flexgen.codegen.interface import ABI_VERSION, STATUSES, default_of
+from flexgen.codegen.interface import ABI_VERSION, POSITION, STATUSES, default_of
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
+from flexgen.position_servo.keys import GAINS
 from flexgen.spec.ports import Port
 
 WAYS = 24  # lines that a set of the first cache may hold, about; more results at once push each other out
@@ -79,6 +80,8 @@ int {spec.name}_batch_work(void)
 
 def _defaults(spec: LibrarySpec, function: CFunction) -> str:
     """The function that returns options with their defaults; those of a stream are recommended for the model."""
+    if function.part == POSITION:
+        return _servo_defaults(spec)
     (struct,) = (struct for struct in spec.structs if struct.name == function.returns)
     lines = ""
     for field in struct.fields:
@@ -92,6 +95,25 @@ def _defaults(spec: LibrarySpec, function: CFunction) -> str:
         lines += f"    options.{field.name} = {value};\n"
     head = f"{spec.name}_{struct.name} {spec.name}_{function.name}(void)"
     return f"{head}\n{{\n    {spec.name}_{struct.name} options;\n{lines}    return options;\n}}\n\n"
+
+
+def _servo_defaults(spec: LibrarySpec) -> str:
+    """The function that returns the servo of the model file."""
+    assert spec.motor_constants is not None and spec.motor_constants.servo is not None
+    servo, lines = spec.motor_constants.servo, ""
+    for name in GAINS:
+        values = ", ".join(literal(x, spec.precision) for x in getattr(servo, name))
+        lines += f"    static const {spec.name}_real {name}[{size_macro(spec, 'n_m')}] = {{{values}}};\n"
+    lines += f"    {spec.name}_servo servo;\n"
+    lines += "".join(f"    servo.{name} = {name};\n" for name in GAINS)
+    for member, name in (
+        ("speed_feedforward", "speed_feedforward"),
+        ("reference_filter", "reference_filter_s"),
+        ("sample_time", "sample_time"),
+        ("delay", "delay"),
+    ):
+        lines += f"    servo.{member} = {literal(getattr(servo, name), spec.precision)};\n"
+    return f"{spec.name}_servo {spec.name}_servo_defaults(void)\n{{\n{lines}    return servo;\n}}\n\n"
 
 
 def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:

@@ -16,7 +16,8 @@ INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its hori
 DELAY_MAX = 4  # of the drive, in samples
 DERIVATIVES = "derivatives"
 FORCE = "force"
-PARTS = ("bvp", DERIVATIVES, FORCE)  # optional parts: hand-written functions, products with derivatives, process forces
+POSITION = "position"
+PARTS = ("bvp", DERIVATIVES, FORCE, POSITION)  # optional: a solver, products, process forces, positions to send
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 LIMITS = (
     Limit("STREAM_INTERVALS_MAX", INTERVALS_MAX, "intervals of a horizon, at most"),
@@ -342,9 +343,38 @@ _FORCE = Field(
 )
 
 
-def structs_with(force: bool) -> tuple[Struct, ...]:
-    """The structs of a library, with forces in the samples of a path or without."""
-    return tuple(replace(s, fields=(*s.fields, _FORCE)) if force and s.name == "samples" else s for s in STRUCTS)
+_SERVO = Struct(
+    "servo",
+    "The position servo of the motors, motor side; servo_defaults gives that of the model file.",
+    (
+        Field("position_gain", "const real *", ("n_m",), "1/s", "k_p, positive"),
+        Field("speed_gain", "const real *", ("n_m",), "N m s/rad", "k_v, positive"),
+        Field("integral_gain", "const real *", ("n_m",), "1/s", "k_i, at least 0"),
+        Field("speed_feedforward", "real", (), "1", "f, part of the speed of the reference, 0 to 2"),
+        Field("reference_filter", "real", (), "s", "T, time constant of the filter of the reference; 0: none"),
+        Field("sample_time", "real", (), "s", "h; the samples of the results are this far apart"),
+        Field("delay", "real", (), "s", "from its sample to the torque; the option delay is delay / h"),
+    ),
+)
+_OF_SERVO = Field(
+    "servo",
+    "const servo *",
+    (),
+    "",
+    "that is sent positions; needs HOLD_ZOH, and samples and delay as it has them. Null: none, commands are NaN",
+    "0",
+)
+_COMMANDS = (
+    Field("command_m", "real *", ("N", "n_m"), "rad", "positions to send, motor side: the reference of the servo"),
+    Field("command_g", "real *", ("N", "n_g"), "mixed", "the same of the joints, as rigid gears would turn them"),
+)
+
+
+def structs_with(force: bool, position: bool) -> tuple[Struct, ...]:
+    """The structs of a library, with forces in the samples of a path, with commands of position, or without."""
+    more: dict[str, tuple[Field, ...]] = {"samples": (_FORCE,)} if force else {}
+    more |= {"inversion_options": (_OF_SERVO,), "stream_options": (_OF_SERVO,), "motion": _COMMANDS} if position else {}
+    return tuple(replace(s, fields=(*s.fields, *more.get(s.name, ()))) for s in (*(_SERVO,) * position, *STRUCTS))
 
 
 def default_of(field: Field, precision: str) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from flexgen.codegen.c_text import comment, macro
-from flexgen.codegen.clib_files import batch_call, declare, read_clib, render, space_of
+from flexgen.codegen.clib_files import declare, read_clib, render
+from flexgen.codegen.constants_header import batch_call, space_of
 from flexgen.codegen.kinematic_functions import USED
 from flexgen.codegen.spec import LibrarySpec
 from flexgen.expressions.function_text import FunctionText

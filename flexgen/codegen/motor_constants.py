@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.model.elements import LinearSpring, RobotModel
+from flexgen.position_servo.keys import ServoTable
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class MotorConstants:
         ``K_h`` and ``W`` of `flexgen.mechanics.hysteresis.GearHysteresis`, arm side; zero for gears without hysteresis.
     arm_side : tuple of float
         Of each position in the state of ``linearize``: 1, or the largest gear ratio of a motor behind elastic gears.
+    servo : ServoTable, optional
+        Of libraries with positions to send.
     pose : bool
         Whether the output is a pose.
     """
@@ -49,11 +52,23 @@ class MotorConstants:
     hysteresis_stiffness: tuple[float, ...]
     hysteresis_slip: tuple[float, ...]
     arm_side: tuple[float, ...]
+    servo: ServoTable | None
     pose: bool
 
 
-def motor_constants(model: RobotModel) -> MotorConstants:
-    """The `MotorConstants` of a model that can be inverted."""
+def position_obstacle(model: RobotModel) -> str | None:
+    """Why a library of a model cannot give the positions that its servo needs; None where it can."""
+    if model.servo is None:
+        return f"model {model.name} has no table [servo]"
+    if model.servo.type != "cascade":
+        return f'the servo of model {model.name} is of type "{model.servo.type}", not "cascade", gains of each motor'
+    if model.servo.filters:
+        return f"the servo of model {model.name} filters its torque, which only command_positions inverts"
+    return None
+
+
+def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants:
+    """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C has its inverse."""
     from flexgen.mechanics.hysteresis import gear_hysteresis  # here, as these need CasADi
     from flexgen.mechanics.lagrangian import gears
 
@@ -75,5 +90,6 @@ def motor_constants(model: RobotModel) -> MotorConstants:
         hysteresis_stiffness=tuple(float(x) for x in law.stiffness),
         hysteresis_slip=tuple(float(x) for x in law.slip),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
+        servo=model.servo if position and position_obstacle(model) is None else None,
         pose=model.output.type == "tool_pose",
     )

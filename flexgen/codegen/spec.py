@@ -15,7 +15,7 @@ import numpy as np
 from flexgen.codegen.c_functions import offered_c_functions
 from flexgen.codegen.clib_types import CFunction, Enum, Struct, signature_of
 from flexgen.codegen.digest import model_digest
-from flexgen.codegen.interface import DERIVATIVES, ENUMS, FORCE, structs_with
+from flexgen.codegen.interface import DERIVATIVES, ENUMS, FORCE, POSITION, structs_with
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
@@ -200,7 +200,8 @@ class LibrarySpec:
         """The structs that its hand-written functions take or return."""
         used = {a.base for f in self.declared_in("inversion") for a in f.arguments}
         used |= {f.returns for f in self.declared_in("inversion")}
-        return tuple(struct for struct in structs_with(self.force) if struct.name in used)
+        position = any(f.part == POSITION for f in self.c_functions)
+        return tuple(struct for struct in structs_with(self.force, position) if struct.name in used)
 
     @property
     def enums(self) -> tuple[Enum, ...]:
@@ -362,7 +363,7 @@ def library_spec(
         per_point=per_point,
         force=FORCE in parts,
         c_functions=c_functions,
-        motor_constants=motor_constants(model) if inverts else None,
+        motor_constants=motor_constants(model, POSITION in parts) if inverts else None,
         kinematic_constants=kinematic_constants(model) if model.n_g >= FREE else None,
         constants=_constants(model),
     )

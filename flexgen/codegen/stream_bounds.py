@@ -20,6 +20,7 @@ CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 KINEMATIC_PASSES = 28  # evaluations of the output constraint while the kinematics are solved, at most
 INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
 SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
+SERVO = 10  # numbers of a motor of the servo
 BRANCH, BRANCH_PASSES, LOCATIONS = 4, 500, 9 * 60  # of gears with hysteresis: numbers kept; of one sample, at most
 
 
@@ -52,7 +53,9 @@ def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
     return n_a, n_g, n_e, n_m, n_y, n_t
 
 
-def stream_size(sizes: Mapping[str, int], function_work: int, block: int, hysteresis: bool = False) -> Linear:
+def stream_size(
+    sizes: Mapping[str, int], function_work: int, block: int, hysteresis: bool = False, position: bool = False
+) -> Linear:
     """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that it calls."""
     rounding = block - 1  # reals by which an array may be rounded up
     n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
@@ -80,6 +83,8 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int, hyster
     total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
     total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + hysteresis * (BRANCH - 1) * n_g, 0, n_m)
+    if position:
+        total += Linear(3 + SERVO * n_m + 2 * rounding, 0, n_m + n_g)
     total += Linear(n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0)
     total += Linear(problem + lq * (n_e > 0) + function_work + block + 2 * rounding, 0, 0)
     if n_e:
@@ -91,7 +96,11 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int, hyster
 
 
 def stream_operations(
-    sizes: Mapping[str, int], operations: Mapping[str, int], block: int, hysteresis: bool = False
+    sizes: Mapping[str, int],
+    operations: Mapping[str, int],
+    block: int,
+    hysteresis: bool = False,
+    position: bool = False,
 ) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
 
@@ -116,6 +125,8 @@ def stream_operations(
     window = Linear(group * (2 * BACK + 1 + AHEAD + block) // block + group, 0, group // block + 1)
     window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
     window += Linear(600, 0, 2 * TAPS * n_m)  # hold: weights, and their use
+    if position:  # of a sample of the servo: its recursion, and the joints
+        window += Linear(20 * n_m, 0, 40 * n_m + 2 * n_g * n_m)
     window += Linear(2 * BACK + 2 + AHEAD, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
     total = window + Linear(kinematics + block * path + 200 * n_g, 40 * (n_g + n_g * n_m + n_m), 0)
 

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.runtime.path_inversion import Inversion, array_of, parameters_of, pointer, pointers
+from flexgen.runtime.inversion_arguments import array_of, parameters_of, pointer, pointers
+from flexgen.runtime.path_inversion import Inversion
 from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of, struct_of
 
 _WIDTHS = {"q_a": "n_a", "v_a": "n_a", "q_m": "n_m", "v_m": "n_m", "tau_m": "n_m"}

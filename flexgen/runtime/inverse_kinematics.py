@@ -11,7 +11,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.runtime.identity import CONFIGURATIONS_MAX, STARTS, STARTS_MAX
-from flexgen.runtime.path_inversion import array_of, pointer
+from flexgen.runtime.inversion_arguments import array_of, pointer
 from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of
 
 FUNCTION = "inverse_kinematics"

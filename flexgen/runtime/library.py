@@ -25,7 +25,8 @@ from flexgen.runtime.limited_inversion import LimitedInverter
 from flexgen.runtime.many_inversion import ManyInverter
 from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
-from flexgen.runtime.stream import Stream, StreamEntries, streams_of
+from flexgen.runtime.stream import Stream
+from flexgen.runtime.stream_entries import StreamEntries, streams_of
 from flexgen.runtime.structs import Failures, closed_error
 from flexgen.runtime.targets import refuse_other_computer
 from flexgen.spec.ports import Port, c_name_problem
@@ -191,6 +192,7 @@ class Library:
         parameters: Any = None,
         dy: Any = None,
         ddy: Any = None,
+        servo: Any = None,
     ) -> Stream:
         """Start inverse dynamics on a moving horizon, at rest at a given output or in motion.
 
@@ -220,6 +222,8 @@ class Library:
         dy, ddy : array (intervals + 16, n_y), optional
             First and second derivatives of the output, for a stream that starts in motion. Coordinates without motor
             are then in quasi-static motion; what differs from it in the real arm decays with the stable zeros.
+        servo : True or mapping, optional
+            The positions to send too, as `Library.invert` takes it; the stream starts at rest.
 
         Returns
         -------
@@ -250,6 +254,7 @@ class Library:
             parameters=parameters,
             dy=dy,
             ddy=ddy,
+            servo=servo,
         )
 
     @property

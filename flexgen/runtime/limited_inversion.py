@@ -9,12 +9,9 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.runtime.arguments import number_of, whole_of
-from flexgen.runtime.path_inversion import (
-    Inversion,
-    Inverter,
-    array_of,
-    parameters_of,
-)
+from flexgen.runtime.inversion_arguments import array_of, parameters_of
+from flexgen.runtime.path_inversion import Inversion, Inverter
+from flexgen.runtime.servo import servo_options
 from flexgen.runtime.structs import struct_of
 
 
@@ -66,14 +63,15 @@ class LimitedInverter(Inverter):
         growth: bool = False,
         parameters: Any = None,
         force: Any = None,
+        servo: Any = None,
     ) -> Inversion:
         """Motion and torques within limits, for the path itself or the smallest deviation from it.
 
         Parameters
         ----------
         y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
-            As of `Library.invert`, like ``parameters`` and ``force``. The deviation is zero at the first and the last
-            sample: repeat these at rest where the motion may take longer than the path.
+            As of `Library.invert`, like ``parameters``, ``force`` and ``servo``. The deviation is zero at the first and
+            the last sample: repeat these at rest where the motion may take longer than the path.
         torque_max : array (n_m,), optional
             Largest motor torques [N m].
         speed_max : array (n_m,), optional
@@ -110,6 +108,7 @@ class LimitedInverter(Inverter):
                 if not (limits[name] > 0).all():
                     raise ArgumentError(f"{function}, {name}: given {limits[name]}, expected positive numbers")
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
+        options |= servo_options(self.servo, function, servo, period, hold, delay)
         deviation = np.zeros_like(given["dy"])
         knot_samples = whole_of(function, "knot_samples", knot_samples)
         bounds = struct_of(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)

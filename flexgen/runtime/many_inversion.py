@@ -23,14 +23,8 @@ from flexgen.counts import count_of, show_value
 from flexgen.errors import ArgumentError
 from flexgen.progress import Choice, Progress, reporting
 from flexgen.runtime.arguments import number_of
-from flexgen.runtime.path_inversion import (
-    RESULTS,
-    Inverter,
-    array_of,
-    parameters_of,
-    pointer,
-    pointers,
-)
+from flexgen.runtime.inversion_arguments import array_of, parameters_of, pointer, pointers
+from flexgen.runtime.path_inversion import RESULTS, Inverter
 from flexgen.runtime.structs import failure_of, struct_of
 from flexgen.type_checks import checked_class, checked_types
 

@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.runtime.arguments import address, number_of, whole_of
+from flexgen.runtime.arguments import number_of, whole_of
 from flexgen.runtime.identity import TOLERANCES
-from flexgen.runtime.structs import Failures, Interface, closed_error, failure_of, interface_of, struct_of
+from flexgen.runtime.inversion_arguments import array_of, hold_of, parameters_of, pointer, pointers, tolerance_of
+from flexgen.runtime.servo import ServoEntry, servo_entry, servo_options
+from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of, struct_of
 
 TOLERANCE = TOLERANCES["double"]
 RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
@@ -67,6 +69,8 @@ class Inversion:
         about 100, only feedback keeps the robot on its path. Else NaN.
     deviation : ndarray (n, n_y) or None
         Of `Library.invert_limited`: deviation from the path at its samples [m, rad].
+    command_m, command_g : ndarray (N, n_m), (N, n_g) or None
+        With ``servo``: positions to send, motor side [rad], and of the joints [rad, m].
     """
 
     q_a: np.ndarray
@@ -94,6 +98,8 @@ class Inversion:
     limits_active: bool = False
     growth: float = math.nan
     deviation: np.ndarray | None = None
+    command_m: np.ndarray | None = None
+    command_g: np.ndarray | None = None
 
     @property
     def t(self) -> np.ndarray:
@@ -135,6 +141,7 @@ class Inverter:
         self._function, self._can_settle = function, function != "bvp"
         self._takes_force = any(name == "force" for name, *_ in self._structs["samples"]._fields_)
         self._grows = False  # with the function growth in the library
+        self.servo: ServoEntry | None = None  # of a library with positions to send
         self.entry_many: Callable[..., int] | None = None  # of many problems
         self._pool: list[np.ndarray] = []
         self._again, self._closed = again, False
@@ -152,7 +159,8 @@ class Inverter:
     def __repr__(self) -> str:
         defaults = (type(self).__call__.__kwdefaults__ or {}) | {"tolerance": tolerance_of(self._real)}
         shown = {name: repr(x) if isinstance(x, bool | str | None) else f"{x:g}" for name, x in defaults.items()}
-        shown = {name: x for name, x in shown.items() if name != "force" or self._takes_force}
+        absent = {"force": not self._takes_force, "servo": self.servo is None}
+        shown = {name: x for name, x in shown.items() if not absent.get(name, False)}
         options = [f"{name}={x}" for name, x in shown.items() if name != "parameters" or self._parameters.size]
         return f"{self._function}(y, dy, ddy, *, period, q_start, {', '.join(options)})"
 
@@ -182,6 +190,7 @@ class Inverter:
         growth: bool = False,
         parameters: Any = None,
         force: Any = None,
+        servo: Any = None,
     ) -> Inversion:
         """Motion and torques for exact tracking of a path.
 
@@ -219,6 +228,9 @@ class Inverter:
         force : array (n, 3 n_y), optional
             Force on the output at the samples, dual to ``dy``: of a pose force [N], then torque [N m] on the tool, in
             world axes; then its first and its second time derivative. Of a library with the part ``"force"``.
+        servo : True or mapping, optional
+            The positions to send too, at samples of the servo, with its hold and delay: that of the model file, or with
+            other members, such as ``{"position_gain": [30.0, 25.0]}``. Of a library with the part ``"position"``.
 
         Returns
         -------
@@ -237,6 +249,7 @@ class Inverter:
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         period = number_of(function, "period", period)
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
+        options |= servo_options(self.servo, function, servo, period, hold, delay)
         return self._invert(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
     def _options(
@@ -285,7 +298,10 @@ class Inverter:
         filled_options = struct_of(structs["inversion_options"], **options)
         further = tuple(ctypes.byref(x) for x in (filled_options, *limits))
         work = self._workspace(self._work_size(n, further, counts))
-        out = self._results(n + counts["n_pre"] + counts["n_post"])
+        total = n + counts["n_pre"] + counts["n_post"]
+        out = self._results(total)
+        if "servo" in options:
+            out |= {f"command_{side}": np.empty((total, self._sizes[f"n_{side}"]), self._real) for side in "mg"}
         path, motion = (
             struct_of(structs["samples"], n=n, period=period, **given),
             struct_of(structs["motion"], **out),
@@ -388,63 +404,6 @@ def inverter_of(
     entry = found(f"{name}_{function}")
     made = form(manifest, entry, work, failures, again, function, parameters)
     made._grows = "growth" in offered and made._can_settle
+    made.servo = servo_entry(manifest, found, parameters.dtype)
     made.entry_many = found(f"{name}_{function}_many") if f"{function}_many" in offered else None
     return made
-
-
-def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray:
-    """The run-time parameters of a call; ArgumentError where the library has none or another number of them."""
-    if given is None:
-        return of_model
-    if not of_model.size:
-        raise ArgumentError(
-            f"{function}, parameters: given to a library without run-time parameters, expected one that was generated "
-            "with parameters=[...] (--parameters)"
-        )
-    return array_of(function, "parameters", given, of_model.shape, of_model.dtype)
-
-
-def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:
-    """The argument of the run-time parameters; none where the library has none."""
-    return (pointer(parameters),) if parameters.size else ()
-
-
-def tolerance_of(real: np.dtype[Any]) -> float:
-    """The tolerance of a call that names none."""
-    return TOLERANCES["double" if real == np.float64 else "single"]
-
-
-def array_of(function: str, name: str, x: Any, shape: tuple[int, ...] | None, real: np.dtype[Any]) -> np.ndarray:
-    """An argument as C reads it: numbers of the library's precision, row after row; ``shape``: None where free."""
-    try:
-        array = np.asarray(x)
-    except (ValueError, TypeError) as error:
-        raise ArgumentError(f"{function}, {name}: given {error}, expected real numbers") from error
-    if array.dtype.kind not in "iuf":
-        raise ArgumentError(f"{function}, {name}: given entries of type {array.dtype}, expected real numbers")
-    if shape is not None and array.shape != shape:
-        expected = ("n", *shape[1:]) if shape[0] < 0 else shape
-        raise ArgumentError(
-            f"{function}, {name}: given shape {array.shape}, expected ({', '.join(map(str, expected))})"
-        )
-    with np.errstate(over="ignore"):  # what is too large becomes infinite, which C refuses
-        return np.ascontiguousarray(array, dtype=real)
-
-
-def hold_of(interface: Interface, function: str, hold: Any, delay: Any) -> dict[str, Any]:
-    """The options of a hold, checked."""
-    holds, most = interface.enums["hold"], interface.limits["HOLD_DELAY_MAX"]
-    if hold not in holds:
-        raise ArgumentError(f"{function}, hold: given {hold!r}, expected one of {', '.join(holds)}")
-    late = number_of(function, "delay", delay)
-    if not 0.0 <= late <= most:
-        raise ArgumentError(
-            f"{function}, delay: given {delay!r} samples, expected 0 to {most}; for a longer delay give the path "
-            "earlier"
-        )
-    return {"hold": holds.index(hold), "delay": late}
-
-
-def pointer(x: np.ndarray) -> ctypes.c_void_p:
-    """Where an array begins, for C."""
-    return ctypes.c_void_p(address(x))

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import number_of
-from flexgen.runtime.path_inversion import array_of, parameters_of, pointer, pointers
+from flexgen.runtime.inversion_arguments import array_of, parameters_of, pointer, pointers
 from flexgen.runtime.structs import Failures, closed_error, failure_of
 
 

@@ -6,66 +6,22 @@ import copy
 import ctypes
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import number_of, whole_of
-from flexgen.runtime.path_inversion import (
-    array_of,
-    hold_of,
-    parameters_of,
-    pointer,
-    pointers,
-    tolerance_of,
-)
-from flexgen.runtime.structs import REAL, Failures, Interface, closed_error, failure_of, interface_of, struct_of
+from flexgen.runtime.inversion_arguments import array_of, hold_of, parameters_of, pointer, pointers, tolerance_of
+from flexgen.runtime.servo import servo_options
+from flexgen.runtime.stream_entries import StreamEntries
+from flexgen.runtime.structs import REAL, failure_of, struct_of
 from flexgen.type_checks import checked_types
 
 # In words, of a tolerance that is not met; by members of the enum of C.
 _CAUSES = {"none": "", "residual": "residual", "mismatch": "kinematic mismatch", "torque_step": "horizon"}
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
-
-
-@dataclass(frozen=True)
-class StreamEntries:
-    """The C functions of streams: size of the memory, start, update, limits, parameters; structs and statuses.
-
-    ``name``: of the library; ``model_parameters``: the run-time parameters of the model file; ``closed``: set where
-    the library is closed.
-    """
-
-    name: str
-
-    interface: Interface
-    work: Callable[..., int]
-    start: Callable[..., int]
-    start_moving: Callable[..., int]
-    update: Callable[..., int]
-    limits: Callable[..., int] | None
-    change: Callable[..., int] | None
-    model_parameters: np.ndarray
-    failures: Failures
-    again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
-    push: Callable[..., int] | None = None  # takes forces on the output
-    closed: threading.Event = field(default_factory=threading.Event)
-
-    @property
-    def real(self) -> np.dtype[Any]:
-        """The type of the library's numbers."""
-        return self.model_parameters.dtype
-
-    @property
-    def structs(self) -> Mapping[str, type[ctypes.Structure]]:
-        """The structs of the interface."""
-        return self.interface.structs
-
-    def refuse_closed(self) -> None:
-        """ArgumentError where the library is closed."""
-        if self.closed.is_set():
-            raise closed_error(self.name)
 
 
 @dataclass(frozen=True)
@@ -102,6 +58,8 @@ class Interval:
         Whether limits of the motors modify the path in this interval, or are exceeded, see `Stream.limit`.
     deviation_m, deviation_rad : float
         Deviation of the modified path from the given one [m, rad].
+    command_m, command_g : ndarray (samples_per_interval, n_m), (samples_per_interval, n_g) or None
+        With the part ``"position"``: positions to send, motor side [rad], of the joints [rad, m]; NaN without servo.
     """
 
     q_a: np.ndarray
@@ -120,6 +78,8 @@ class Interval:
     limits_active: bool = False
     deviation_m: float = 0.0
     deviation_rad: float = 0.0
+    command_m: np.ndarray | None = None
+    command_g: np.ndarray | None = None
 
 
 class Stream:
@@ -165,6 +125,7 @@ class Stream:
         parameters: Any = None,
         dy: Any = None,
         ddy: Any = None,
+        servo: Any = None,
     ) -> None:
         self.intervals = whole_of("stream", "intervals", intervals)
         self.samples_per_interval = whole_of("stream", "samples_per_interval", samples_per_interval)
@@ -172,13 +133,20 @@ class Stream:
         self._sizes, self._entries = dict(sizes), entries
         real = entries.real
         tolerance = tolerance_of(real) if tolerance is None else tolerance
+        if servo is not None and dy is not None:
+            raise ArgumentError(
+                "stream, servo: given a stream in motion, expected one at rest: the state of the servo is not known"
+            )
+        fine = self.period / max(self.samples_per_interval, 1)
+        own = hold_of(entries.interface, "stream", hold, delay)
+        own |= servo_options(entries.servo, "stream", servo, fine, hold, delay)
         options = struct_of(
             entries.structs["stream_options"],
             intervals=self.intervals,
             samples_per_interval=self.samples_per_interval,
             period=self.period,
             tolerance=number_of("stream", "tolerance", tolerance),
-            **hold_of(entries.interface, "stream", hold, delay),
+            **own,
         )
         limits, size = entries.interface.limits, int(entries.work(ctypes.byref(options)))
         if size < 0:
@@ -218,8 +186,11 @@ class Stream:
         real = self._entries.real
         self._inputs = [np.zeros(self._sizes[key], real) for key in ("n_t", "n_y", "n_y")]
         self._outputs = [np.zeros((self.samples_per_interval, n), real) for n in (n_a, n_a, n_g, n_m, n_m, n_m)]
-        structs = self._entries.structs
-        self._motion = struct_of(structs["motion"], **dict(zip(_RESULTS, self._outputs, strict=True)))
+        structs, has_commands = self._entries.structs, self._entries.servo is not None
+        self._names = (*_RESULTS, *("command_m", "command_g")[: 2 * has_commands])
+        if has_commands:
+            self._outputs += [np.zeros((self.samples_per_interval, n), real) for n in (n_m, n_g)]
+        self._motion = struct_of(structs["motion"], **dict(zip(self._names, self._outputs, strict=True)))
         self._info = structs["stream_info"]()
         self._stream = self._handle()
         bound = tuple(pointer(x) for x in self._inputs)
@@ -292,7 +263,7 @@ class Stream:
             status = int(self._entries.update(*self._arguments))
             self._refuse(status)
             info, interface = self._info, self._entries.interface
-            results: dict[str, Any] = dict(zip(_RESULTS, (x.copy() for x in self._outputs), strict=True))
+            results: dict[str, Any] = dict(zip(self._names, (x.copy() for x in self._outputs), strict=True))
             return Interval(
                 **results,
                 residual=info.residual,
@@ -410,37 +381,6 @@ class Stream:
         if status < 0:
             exception, text = failure_of(self._entries.failures, status)
             raise exception(f"stream: {text}")
-
-
-def streams_of(
-    manifest: Mapping[str, Any],
-    found: Callable[[str], Any],
-    failures: Failures,
-    again: tuple[Callable[..., Any], tuple[Any, ...]],
-    parameters: np.ndarray,
-) -> StreamEntries | None:
-    """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
-    names = ("stream_work", "stream_start", "stream_start_moving", "stream_update")
-    offered = {row["name"] for row in manifest.get("c_functions", ())}
-    if not set(names) <= offered:
-        return None
-    work, start, moving, update = (found(f"{manifest['name']}_{name}") for name in names)
-    work.restype = ctypes.c_int64
-    change = found(f"{manifest['name']}_stream_parameters") if parameters.size else None
-    return StreamEntries(
-        manifest["name"],
-        interface_of(manifest),
-        work,
-        start,
-        moving,
-        update,
-        found(f"{manifest['name']}_stream_limits") if "stream_limits" in offered else None,
-        change,
-        parameters,
-        failures,
-        again,
-        found(f"{manifest['name']}_stream_force") if "stream_force" in offered else None,
-    )
 
 
 def stream_again(

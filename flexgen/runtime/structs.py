@@ -16,7 +16,7 @@ from flexgen.runtime.files import AGAIN
 
 _KINDS: dict[str, Any] = {"int": ctypes.c_int, "int64_t": ctypes.c_int64}
 REAL: dict[str, Any] = {"double": ctypes.c_double, "single": ctypes.c_float}  # the type of a number in C
-_POINTERS = ("const real *", "real *")
+_POINTERS = ("const real *", "real *", "const servo *")
 
 Failures = Mapping[int, tuple[type[FlexgenError], str]]  # exception and text of each negative status
 
@@ -82,11 +82,19 @@ def _structure(precision: str, name: str, fields: tuple[tuple[str, str], ...]) -
     kinds = {**_KINDS, "real": REAL[precision]}
     for _, kind in fields:
         if kind not in kinds and kind not in _POINTERS:
-            raise ValueError(f"given a member of type {kind!r} in struct {name}, expected a number or an array")
+            raise ValueError(
+                f"given a member of type {kind!r} in struct {name}, expected a number, an array or a servo"
+            )
     members = [(field, kinds.get(kind, ctypes.c_void_p)) for field, kind in fields]
     return type(name, (ctypes.Structure,), {"_fields_": members})
 
 
 def struct_of(structure: type[ctypes.Structure], **members: Any) -> ctypes.Structure:
-    """A structure with these members; arrays become pointers, so the caller must keep them."""
-    return structure(**{key: address(x) if isinstance(x, np.ndarray) else x for key, x in members.items()})
+    """A structure with these members; arrays and structures become pointers, so the caller must keep them."""
+
+    def member(x: Any) -> Any:
+        if isinstance(x, ctypes.Structure):
+            return ctypes.addressof(x)
+        return address(x) if isinstance(x, np.ndarray) else x
+
+    return structure(**{key: member(x) for key, x in members.items()})

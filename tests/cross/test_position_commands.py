@@ -7,48 +7,17 @@ the exported robot; MuJoCo moves that robot between two samples of the servo.
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from servo_in_mujoco import GAINS, PLAIN, TABLE, InMujoco, OwnServo, robot_of, with_servo
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.exports.mujoco import mjcf
-from flexgen.exports.mujoco_checks import with_friction
 from flexgen.numerics.evaluate import evaluate
-
-mujoco = pytest.importorskip("mujoco")
-STEP = 1e-4  # s, of MuJoCo
-
-
-@dataclass
-class OwnServo:
-    """A P-PI servo as in textbooks, sample by sample, about the torque that holds the robot where it begins."""
-
-    k_p: np.ndarray
-    k_v: np.ndarray
-    k_i: np.ndarray
-    hold: np.ndarray
-    start: np.ndarray
-    feedforward: float = 1.0
-    filter_s: float = 0.0
-    h: float = 5e-4
-
-    def __post_init__(self) -> None:
-        self.reference, self.before, self.angle = self.start.copy(), self.start.copy(), self.start.copy()
-        self.integral = np.zeros_like(self.start)
-
-    def torque(self, command: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        share = 1.0 if self.filter_s == 0.0 else 1.0 - np.exp(-self.h / self.filter_s)
-        self.reference = self.reference + share * (command - self.reference)
-        wanted = self.feedforward * (self.reference - self.before) / self.h + self.k_p * (self.reference - angle)
-        error = wanted - (angle - self.angle) / self.h
-        self.integral = self.integral + self.h * error
-        self.before, self.angle = self.reference, angle
-        return self.hold + self.k_v * (error + self.k_i * self.integral)
 
 
 def position_at(time: np.ndarray, rows: np.ndarray, t: float, interpolation: str) -> np.ndarray:
@@ -73,44 +42,6 @@ def read_table(file: Path) -> tuple[np.ndarray, np.ndarray]:
     assert rows[0][0] == "time_s" and all(name.endswith("_deg") for name in rows[0][1:])
     values = np.array(rows[1:], float)
     return values[:, 0], np.deg2rad(values[:, 1:])
-
-
-class InMujoco:
-    """A robot in MuJoCo under servos."""
-
-    def __init__(self, model: flexgen.RobotModel, q_a: np.ndarray, q_m: np.ndarray) -> None:
-        self.model, self.i_m = model, list(model.i_m)
-        self.m = mujoco.MjModel.from_xml_string(mjcf(model))
-        self.d = mujoco.MjData(self.m)
-        names = [c.name for c in model.coordinates] + [f"rotor.{model.motors[j].name}" for j in self.i_m]
-        self.at = self.m.jnt_dofadr[[self.m.joint(name).id for name in names]]
-        self.motors = [self.m.actuator(motor.name).id for motor in model.motors]
-        self.m.opt.timestep = STEP
-        self.d.qpos[self.at] = np.concatenate([q_a, q_m[self.i_m]])
-
-    @property
-    def angles(self) -> np.ndarray:
-        arm = self.d.qpos[self.at[: self.model.n_a]]
-        out = self.model.eta @ arm[list(self.model.i_g)]  # of rigid gears
-        out[self.i_m] = self.d.qpos[self.at[self.model.n_a :]]
-        return out
-
-    def follow(self, servo: OwnServo, command, first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Instants, arm angles and motor angles at the samples of the servo."""
-        steps, times, arm, motors = round(servo.h / STEP), [], [], []
-        for k in range(round((last - first) / servo.h)):
-            t = first + k * servo.h
-            times.append(t)
-            arm.append(self.d.qpos[self.at[: self.model.n_a]].copy())
-            motors.append(self.angles)
-            self.d.ctrl[self.motors] = servo.torque(command(t), motors[-1])
-            for _ in range(steps):
-                mujoco.mj_step(self.m, self.d)
-        return np.array(times), np.array(arm), np.array(motors)
-
-
-def robot_of(name: str) -> flexgen.RobotModel:
-    return with_friction(flexgen.read(name), "viscous")  # what MuJoCo has
 
 
 def servo_of(found: flexgen.PositionCommands, gains: flexgen.Cascade, **changes) -> OwnServo:
@@ -333,29 +264,6 @@ def test_records_that_do_not_move_or_begin_in_motion():
 
 
 # --- the servo of a model file ----------------------------------------------------------------------------------------
-
-TABLE = """
-type = "cascade"
-position_gain = [30.0, 25.0]
-speed_gain = [1.5, 0.4]
-integral_gain = [6.0, 6.0]
-speed_feedforward = 0.8
-reference_filter_s = 0.003
-delay = 0.0005
-notch = [{ frequency_hz = 60.0 }]
-low_pass = [{ frequency_hz = 400.0, damping = 0.9 }]
-"""
-
-
-PLAIN = "\n".join(line for line in TABLE.splitlines() if line.split(" ")[0] not in ("delay", "notch", "low_pass"))
-GAINS = [np.array([30.0, 25.0]), np.array([1.5, 0.4]), np.array([6.0, 6.0])]
-
-
-def with_servo(folder: Path, table: str, name: str = "planar5_nmp") -> Path:
-    """The file of a model with a servo."""
-    file = folder / f"{name}_servo.toml"
-    file.write_text(Path(flexgen.read(name).file).read_text() + f"\n[servo]\n{table}")
-    return file
 
 
 def test_a_robot_carries_its_servo(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from flexgen.codegen.emit import emit
 from flexgen.codegen.interface import PARTS
 from flexgen.codegen.spec import library_spec
 from flexgen.mechanics.equations import derive
+from flexgen.model.reader import read
+from flexgen.position_servo.keys import GAINS, ServoTable
 
 CLIB = ROOT / "flexgen" / "clib"
 FILES = sorted(path.name for path in CLIB.iterdir() if path.suffix in (".c", ".h"))
@@ -29,25 +32,32 @@ PRIVATE_WORDS = re.compile(
 
 
 @cache
-def library(name: str, lossy: bool = False) -> Path:
-    """The sources of a library, of gears with hysteresis where ``lossy``; its files are the fixed ones, renamed."""
-    folder = _folder() / f"{name}_clib{'_lossy' * lossy}"
-    for file, text in emit(library_spec(derive(hysteretic(name) if lossy else name), parts=PARTS)).items():
+def library(name: str, kind: str = "") -> Path:
+    """The sources of a library, with hysteresis or a servo where ``kind`` says so: the fixed ones, renamed."""
+    folder, model = _folder() / f"{name}_clib_{kind}", hysteretic(name) if kind == "hysteresis" else read(name)
+    if kind == "servo":
+        gains = {x: (1.0,) * model.n_m for x in GAINS}
+        model = replace(model, servo=ServoTable("cascade", **gains))
+    for file, text in emit(library_spec(derive(model), parts=PARTS)).items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_text(text, encoding="ascii")
     return folder
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "lossy"), [("elbow", False), ("elbow", True), ("planar5_nmp", False)])
-def test_every_file_compiles_on_its_own(name, lossy):
-    folder, failed = library(name, lossy), []
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("elbow", ""), ("elbow", "hysteresis"), ("elbow", "servo"), ("planar5_nmp", ""), ("planar5_nmp", "servo")],
+)
+def test_every_file_compiles_on_its_own(name, kind):
+    folder, failed = library(name, kind), []
     for file in ["inversion.c", *(file for file in FILES if file not in SOLVERS)]:
         path = folder / "src" / f"{name}_{file}"
         if file in MACROS:
             continue
-        if not path.exists():  # of models with unactuated coordinates, arms with six motors, gears with hysteresis
-            assert name == "elbow" or file in ("inverse_kinematics.c", "hysteresis.h"), file
+        if not path.exists():  # of models with unactuated coordinates, six motors, gears with hysteresis, a servo
+            assert name == "elbow" or file in ("inverse_kinematics.c", "hysteresis.h", "servo.h"), file
+            assert file != f"{kind}.h"
             continue
         words = [CC, "-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c", f"-I{folder}"]
         text = f'#include "{path}"\n' if path.suffix == ".h" else path.read_text(encoding="ascii")

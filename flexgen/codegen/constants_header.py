@@ -1,0 +1,157 @@
+"""The private header with the numbers of a model that the hand-written C uses, and what a library has of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from flexgen.codegen.header import works
+from flexgen.codegen.motor_constants import MotorConstants
+from flexgen.codegen.spec import FunctionSpec, LibrarySpec
+from flexgen.expressions.function_text import FunctionText
+from flexgen.expressions.literals import literal
+from flexgen.mechanics.signatures import INVERTING
+
+
+def is_hysteretic(spec: LibrarySpec) -> bool:
+    """Whether the library inverts a model some of whose gears have hysteresis."""
+    return spec.motor_constants is not None and any(spec.motor_constants.hysteresis_slip)
+
+
+def is_harmonic(spec: LibrarySpec) -> bool:
+    """Whether the library inverts a model with Fourier sums of motor angles."""
+    return any(f.name == "motor_harmonics" for f in spec.functions)
+
+
+def has_positions(spec: LibrarySpec) -> bool:
+    """Whether the library gives positions to send."""
+    return spec.motor_constants is not None and spec.motor_constants.servo is not None
+
+
+def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERTING) -> int:
+    """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
+    used = (f for f in spec.functions if f.name in names)
+    return max(max(works(f, written[f.name], spec.precision)) for f in used)
+
+
+def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapping[str, FunctionText]) -> str:
+    """Text of ``<name>_motor_constants.h``: numbers of the model as constants."""
+
+    def join(values: Sequence[float]) -> str:
+        return f"{{{', '.join(literal(x, spec.precision) for x in values)}}}"
+
+    def integers(name: str, size: str, values: Sequence[int]) -> str:
+        return f"static const int {name}[{size}] = {{{', '.join(str(int(x)) for x in values)}}};\n"
+
+    prefix = spec.name.upper()
+    ng, nm = f"{prefix}_NG", f"{prefix}_NM"
+    text = integers("i_g", ng, constants.i_g)
+    text += integers("i_e", f"{prefix}_NE", constants.i_e) if constants.i_e else integers("i_e", "1", [0])  # not read
+    text += integers("gear_is_rigid", ng, [int(x) for x in constants.gear_is_rigid])
+    text += integers("gear_is_linear", ng, [int(x) for x in constants.gear_is_linear])
+    text += _damping(spec, constants, join)
+    for name, A, rows, columns in (("eta", constants.eta, nm, ng), ("eta_inverse", constants.eta_inverse, ng, nm)):
+        body = ",\n".join(f"    {join(row)}" for row in A)
+        text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
+    text += f"static const real rotor_inertia[{nm}] = {join(constants.rotor_inertia)};\n"
+    if is_hysteretic(spec):
+        text += (
+            f"static const real hysteresis_stiffness[{ng}] = {join(constants.hysteresis_stiffness)}; /* arm side */\n"
+        )
+        text += f"static const real hysteresis_slip[{ng}] = {join(constants.hysteresis_slip)}; /* 0: none */\n"
+    text += _for_growth(spec, written, join(constants.arm_side))
+    used = [f for f in spec.functions if f.name in INVERTING]
+    space = space_of(spec, written)
+    calls = "".join(_call(spec, f, written[f.name].work) + batch_call(spec, f) for f in used)
+    return f"""\
+/*
+ * {spec.name}: gears, motors and the kind of output, for the inversion; private. Written by flexgen; see {spec.name}.h.
+ */
+#ifndef {prefix}_MOTOR_CONSTANTS_H
+#define {prefix}_MOTOR_CONSTANTS_H
+
+#include "{spec.name}_batch.h"
+
+#include "{spec.name}_private.h"
+
+#define {prefix}_POSE {int(constants.pose)} /* the output is a pose: position, then rotation */
+#define {prefix}_PARAMETERS {len(spec.parameters)} /* run-time parameters, stored behind the workspace */
+#define {prefix}_INVERSION_SPACE {space} /* reals of workspace for the functions below */
+#define PARAMETERS_OF(space) ((space) + {prefix}_INVERSION_SPACE + BLOCK)
+
+/* Indices of the coordinates with and without motor; q_m = eta q_g where no gear is deflected. */
+{text}
+/* The functions that the inversion uses, with a workspace that some of them do not need. */
+{_parameter_macros(spec)}{calls}
+#endif
+"""
+
+
+def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
+    """A macro that calls a function with a workspace, whether it needs one or not."""
+    ports, given = _ports_of_call(spec, f)
+    call = f"{spec.name}_{f.name}({given}{', work' if work else ''})"
+    needed = work or ports != given
+    return f"#define evaluate_{f.name}({ports}, work) {call if needed else f'((void)(work), {call})'}\n"
+
+
+def batch_call(spec: LibrarySpec, f: FunctionSpec) -> str:
+    """A macro that calls a function for many points."""
+    ports, given = _ports_of_call(spec, f)
+    return f"#define evaluate_{f.name}_batch(n, {ports}, work) {spec.name}_{f.name}_batch(n, {given}, work)\n"
+
+
+def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
+    """The arguments of a macro, and those of the function: the run-time parameters are in the workspace."""
+    names = [p.name for p in (*f.inputs, *f.outputs)]
+    held = {"parameters": "PARAMETERS_OF(work)"} if spec.parameters else {}
+    return ", ".join(name for name in names if name not in held), ", ".join(held.get(name, name) for name in names)
+
+
+def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
+    """What the function growth needs: scales of positions, and the linearization with a workspace of its own."""
+    prefix = spec.name.upper()
+    grows = any(f.file == "growth.c" for f in spec.c_functions)
+    flag = f"#define {prefix}_GROWS {int(grows)} /* the library has the function growth */\n"
+    if not grows:
+        return flag
+    (f,) = (f for f in spec.functions if f.name == "linearize")
+    ports, text = [p.name for p in (*f.inputs, *f.outputs)], written[f.name]
+    macros = ", ".join([*(name for name in ports if name != "parameters"), "parameters", "work"])
+    given = ", ".join([*ports, *["work"] * (text.work > 0)])
+    return (
+        f"{flag}static const real arm_side[{prefix}_NX / 2] = {arm_side}; /* factors of the positions in a state */\n"
+        f"#define {prefix}_LINEARIZE_SPACE {space_of(spec, written, (f.name,))}\n"
+        f"#define evaluate_linearize({macros}) ((void)(parameters), (void)(work), {spec.name}_linearize({given}))\n"
+    )
+
+
+def _damping(spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Sequence[float]], str]) -> str:
+    """The damping of the gears on the arm side; some values may be run-time parameters times a factor."""
+    ng = f"{spec.name.upper()}_NG"
+    at = {p.name.removesuffix(".damping"): k for k, p in enumerate(spec.parameters) if p.name.endswith(".damping")}
+    index = [at.get(name, -1) for name in constants.gears]
+    given = zip(index, constants.damping_factor, constants.gear_damping, strict=True)
+    values = [factor if k >= 0 else damping for k, factor, damping in given]
+    text = f"static const real gear_damping[{ng}] = {listed(values)}; /* arm side */\n"
+    if max(index) < 0:
+        body = "    (void)space;\n    return gear_damping[gear];\n"
+    else:
+        numbers = ", ".join(map(str, index))
+        text += "/* run-time parameter that the damping is proportional to; -1: none */\n"
+        text += f"static const int damping_parameter[{ng}] = {{{numbers}}};\n"
+        body = (
+            "    const int k = damping_parameter[gear];\n"
+            "    return k < 0 ? gear_damping[gear] : gear_damping[gear] * PARAMETERS_OF(space)[k];\n"
+        )
+    return f"{text}static inline real damping_of(int gear, const real *space)\n{{\n{body}}}\n"
+
+
+def _parameter_macros(spec: LibrarySpec) -> str:
+    """How many run-time parameters there are, and how they become an argument of the functions."""
+    count = len(spec.parameters)
+    argument = " const real *parameters," if count else ""
+    given = "parameters" if count else "no_parameters"
+    passed = " parameters," if count else ""
+    empty = "" if count else "static const real no_parameters[1] = {0};\n"
+    macros = {"PARAMETERS_ARGUMENT": argument, "GIVEN_PARAMETERS": f" {given}", "PASSED_PARAMETERS": passed}
+    return empty + "".join(f"#define {name}{text}\n" for name, text in macros.items())

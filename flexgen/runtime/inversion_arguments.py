@@ -1,0 +1,71 @@
+"""Arguments of inverse dynamics in a loaded library, checked as C needs them."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.runtime.arguments import address, number_of
+from flexgen.runtime.identity import TOLERANCES
+from flexgen.runtime.structs import Interface
+
+
+def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray:
+    """The run-time parameters of a call; ArgumentError where the library has none or another number of them."""
+    if given is None:
+        return of_model
+    if not of_model.size:
+        raise ArgumentError(
+            f"{function}, parameters: given to a library without run-time parameters, expected one that was generated "
+            "with parameters=[...] (--parameters)"
+        )
+    return array_of(function, "parameters", given, of_model.shape, of_model.dtype)
+
+
+def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:
+    """The argument of the run-time parameters; none where the library has none."""
+    return (pointer(parameters),) if parameters.size else ()
+
+
+def tolerance_of(real: np.dtype[Any]) -> float:
+    """The tolerance of a call that names none."""
+    return TOLERANCES["double" if real == np.float64 else "single"]
+
+
+def array_of(function: str, name: str, x: Any, shape: tuple[int, ...] | None, real: np.dtype[Any]) -> np.ndarray:
+    """An argument as C reads it: numbers of the library's precision, row after row; ``shape``: None where free."""
+    try:
+        array = np.asarray(x)
+    except (ValueError, TypeError) as error:
+        raise ArgumentError(f"{function}, {name}: given {error}, expected real numbers") from error
+    if array.dtype.kind not in "iuf":
+        raise ArgumentError(f"{function}, {name}: given entries of type {array.dtype}, expected real numbers")
+    if shape is not None and array.shape != shape:
+        expected = ("n", *shape[1:]) if shape[0] < 0 else shape
+        raise ArgumentError(
+            f"{function}, {name}: given shape {array.shape}, expected ({', '.join(map(str, expected))})"
+        )
+    with np.errstate(over="ignore"):  # what is too large becomes infinite, which C refuses
+        return np.ascontiguousarray(array, dtype=real)
+
+
+def hold_of(interface: Interface, function: str, hold: Any, delay: Any) -> dict[str, Any]:
+    """The options of a hold, checked."""
+    holds, most = interface.enums["hold"], interface.limits["HOLD_DELAY_MAX"]
+    if hold not in holds:
+        raise ArgumentError(f"{function}, hold: given {hold!r}, expected one of {', '.join(holds)}")
+    late = number_of(function, "delay", delay)
+    if not 0.0 <= late <= most:
+        raise ArgumentError(
+            f"{function}, delay: given {delay!r} samples, expected 0 to {most}; for a longer delay give the path "
+            "earlier"
+        )
+    return {"hold": holds.index(hold), "delay": late}
+
+
+def pointer(x: np.ndarray) -> ctypes.c_void_p:
+    """Where an array begins, for C."""
+    return ctypes.c_void_p(address(x))

@@ -1,0 +1,100 @@
+"""The servo of a loaded library, which is sent positions: an option of `Inverter` and `Stream`."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.runtime.arguments import number_of
+from flexgen.runtime.inversion_arguments import array_of
+from flexgen.runtime.structs import Interface, interface_of
+
+GAINS = ("position_gain", "speed_gain", "integral_gain")
+NUMBERS = ("speed_feedforward", "reference_filter", "sample_time", "delay")
+SAME = 1e-6  # relative difference of sample times that are equal
+
+
+@dataclass(frozen=True)
+class ServoEntry:
+    """The servo of the model file in C, and what the options of an inversion need of it."""
+
+    interface: Interface
+    defaults: Callable[[], ctypes.Structure]
+    motors: int
+    real: np.dtype[Any]
+
+    def options(self, function: str, given: Any, period: float, hold: Any, delay: Any) -> dict[str, Any]:
+        """The options ``hold``, ``delay`` and ``servo`` of a call.
+
+        Parameters
+        ----------
+        function : str
+            For messages.
+        given : True or mapping
+            Members of the servo that are others than in the model file.
+        period : float [s]
+            Of the samples of the results.
+        hold, delay
+            As given; the servo has its own.
+
+        Raises
+        ------
+        ArgumentError
+            A member is unknown or out of range, or the samples are not those of the servo.
+        """
+        if hold not in ("spline", "zoh") or delay:
+            raise ArgumentError(
+                f"{function}, hold: given {hold!r} and a delay of {delay} with a servo, expected its own"
+            )
+        if given is not True and not isinstance(given, Mapping):
+            raise ArgumentError(f"{function}, servo: given {given!r}, expected True or a mapping of its members")
+        servo: Any = self.defaults()
+        kept: list[np.ndarray] = []
+        for name, value in ({} if given is True else given).items():
+            if name in GAINS:
+                kept.append(array_of(function, f"servo {name}", value, (self.motors,), self.real))
+                setattr(servo, name, kept[-1].ctypes.data)
+            elif name in NUMBERS:
+                setattr(servo, name, number_of(function, f"servo {name}", value))
+            else:
+                raise ArgumentError(
+                    f"{function}, servo: given {name!r}, expected one of {', '.join((*GAINS, *NUMBERS))}"
+                )
+        h = float(servo.sample_time)
+        if not abs(period - h) <= SAME * h:
+            raise ArgumentError(
+                f"{function}, period: given samples of the results {period:g} s apart, expected {h:g} s, the sample "
+                "time of the servo"
+            )
+        servo.kept = kept
+        late = float(servo.delay) / h
+        return {"hold": self.interface.enums["hold"].index("zoh"), "delay": late, "servo": servo}
+
+
+def servo_entry(manifest: Mapping[str, Any], found: Callable[[str], Any], real: np.dtype[Any]) -> ServoEntry | None:
+    """The servo of a library; None where it gives no positions to send."""
+    if "servo_defaults" not in {row["name"] for row in manifest.get("c_functions", ())}:
+        return None
+    interface = interface_of(manifest)
+    defaults = found(f"{manifest['name']}_servo_defaults")
+    defaults.restype = interface.structs["servo"]
+    return ServoEntry(interface, defaults, manifest["sizes"]["n_m"], real)
+
+
+def servo_options(
+    entry: ServoEntry | None, function: str, given: Any, period: float, hold: Any, delay: Any
+) -> dict[str, Any]:
+    """`ServoEntry.options`; none where no servo is given. ArgumentError where the library has no positions."""
+    if given is None:
+        return {}
+    if entry is None:
+        raise ArgumentError(
+            f"{function}, servo: given to a library without positions, expected one that was generated with "
+            "parts=['position'] (--with position)"
+        )
+    return entry.options(function, given, period, hold, delay)

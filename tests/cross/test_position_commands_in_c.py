@@ -1,0 +1,269 @@
+"""Positions to send in the emitted C: whole paths and streams against the servo of textbooks, MuJoCo, and Python.
+
+Planted errors: an integral part that is not carried from sample to sample, a delay of a sample, gains in another order.
+"""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from servo_in_mujoco import GAINS, PLAIN, InMujoco, OwnServo, robot_of, with_servo
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.codegen import clib_files
+from flexgen.errors import ArgumentError
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import samples
+from flexgen.numerics.evaluate import evaluate
+from flexgen.runtime.library import Library
+from flexgen.servo.inverse import invert_servo
+from flexgen.servo.servo import servo_of
+
+pytestmark = needs_compiler
+H = 5e-4  # s, of the servo
+PERIOD, EACH, INTERVALS = 5e-3, 10, 100  # of a stream: update, samples, horizon
+NAMES = ("command_m", "command_g", "tau_m", "q_m", "q_a")
+PLANTED = {
+    "integral part": ("sum[j] = (sum[j] + (w", "sum[j] = (0.0 * sum[j] + (w"),
+    "delay": ("reference[j] = (filtered[j]", "reference[j] = (before"),
+    "order": ("copy(o->speed_gain, NM, c + SERVO_GAINS + NM)", "copy(o->speed_gain, 1, c + SERVO_GAINS + 2 * NM - 1)"),
+}
+
+
+def library_of(model: flexgen.RobotModel, folder: Path) -> Library:
+    return flexgen.load(flexgen.generate(model, folder / "library", parts=["position"]).directory)
+
+
+def samples_of(model: flexgen.RobotModel, period: float, after: int = 0) -> tuple[Any, list[np.ndarray]]:
+    """A move and samples of its output with two derivatives, at rest after it."""
+    move = flexgen.plan(model)
+    n = round(move.duration / period) + 1
+    rows = [
+        np.vstack([x, np.tile(x[-1:], (after, 1))]) for x in samples(Reduction(flexgen.derive(model)), move, period, n)
+    ]
+    for x in rows[1:]:
+        x[n - 1 :] = 0.0
+    return move, rows
+
+
+def inverted(model: flexgen.RobotModel, library: Library, **more: Any) -> Any:
+    move, path = samples_of(model, H)
+    given = {"period": H, "q_start": move.q_start, "n_pre": 400, "n_post": 1200, "samples_per_interval": 10}
+    return library.invert(*path, **given, servo=True, **more)
+
+
+def streamed(model: flexgen.RobotModel, library: Library, **more: Any) -> SimpleNamespace:
+    """All intervals of a stream along the move, and after it."""
+    move, (y, dy, ddy) = samples_of(model, PERIOD, INTERVALS + 60)
+    given = {"period": PERIOD, "intervals": INTERVALS, "samples_per_interval": EACH, "servo": True}
+    stream = library.stream(y[0], move.q_start, **given, **more)
+    found = []
+    for k in range(1, len(y)):
+        if k == 130:
+            stream = copy.copy(stream)  # its memory holds the whole state
+        found.append(stream.update(y[k], dy[k], ddy[k]))
+    rows = {name: np.vstack([getattr(x, name) for x in found]) for name in NAMES}
+    return SimpleNamespace(t=H * np.arange(len(found) * EACH) - (INTERVALS - 1) * PERIOD, **rows)
+
+
+def miss(found: Any, **servo: Any) -> float:
+    """Largest difference of the torques that the servo of textbooks sends from those to send, relative."""
+    members = {"feedforward": 0.8, "filter_s": 0.003, "h": H} | servo
+    own = OwnServo(*GAINS, found.tau_m[0], found.q_m[0], **members)
+    sent = np.array([own.torque(r, q) for r, q in zip(found.command_m, found.q_m, strict=True)])
+    return float(np.abs(sent - found.tau_m).max() / np.abs(found.tau_m).max())
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> tuple[flexgen.RobotModel, Library]:
+    folder = tmp_path_factory.mktemp("position")
+    model = replace(robot_of("planar5_nmp"), servo=flexgen.read(with_servo(folder, PLAIN)).servo)
+    return model, library_of(model, folder)
+
+
+# --- the servo --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("find", [inverted, streamed], ids=["whole path", "stream"])
+def test_the_servo_of_textbooks_sends_the_torques(robot: Any, find: Callable[..., Any]) -> None:
+    """And the inverse in Python has the same numbers."""
+    model, library = robot
+    found = find(model, library)
+    assert np.abs(found.tau_m - found.tau_m[0]).max() > 1.0
+    assert miss(found) < 1e-9
+    assert miss(found, filter_s=0.0) > 1e-2
+    servo = servo_of(None, model)
+    expected = invert_servo(servo, servo.feedback, found.tau_m, found.q_m)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.command_m, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.command_g @ model.eta.T, found.command_m, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_planted_errors_are_found(robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    texts, (old, new) = clib_files.read_clib(), PLANTED[name]
+    assert texts["servo.h"].count(old) == 1
+    wrong = texts | {"servo.h": texts["servo.h"].replace(old, new)}
+    monkeypatch.setattr(clib_files, "read_clib", lambda: wrong)
+    model = robot[0]
+    library = library_of(model, tmp_path)
+    assert not miss(inverted(model, library)) < 1e-4
+    assert not miss(streamed(model, library)) < 1e-4
+
+
+@pytest.mark.parametrize("feedforward", [0.0, 1.0])
+@pytest.mark.parametrize("filter_s", [0.0, 0.004])
+@pytest.mark.parametrize("integral", [0.0, 9.0])
+def test_other_servos_at_run_time(robot: Any, feedforward: float, filter_s: float, integral: float) -> None:
+    """A motor without an integral part holds the arm by an offset of its reference."""
+    model, library = robot
+    own = [np.array([20.0, 40.0]), np.array([3.0, 0.6]), np.array([integral, 2.0])]
+    members = dict(zip(("position_gain", "speed_gain", "integral_gain"), own, strict=True))
+    late = {"speed_feedforward": feedforward, "reference_filter": filter_s, "delay": 1.5 * H}
+    move, path = samples_of(model, H)
+    given = {"period": H, "q_start": move.q_start, "n_pre": 400, "n_post": 1200, "samples_per_interval": 10}
+    found = library.invert(*path, **given, servo=members | late)
+    hold = library.invert(*path, **given).tau_m[0]
+    offset = np.where(own[2] > 0.0, 0.0, hold / (own[0] * own[1]))
+    servo = OwnServo(*own, hold, found.q_m[0], feedforward, filter_s, H)
+    sent = np.array([servo.torque(r - offset, q) for r, q in zip(found.command_m, found.q_m, strict=True)])
+    np.testing.assert_allclose(sent, found.tau_m, rtol=0, atol=1e-8)
+
+
+def test_a_solution_has_the_same_columns(robot: Any) -> None:
+    """The torques of both come from other interpolations of the motion."""
+    model, library = robot
+    found, path = inverted(model, library), flexgen.solve(model, command="position", progress=False).trajectory
+    inside = (found.t >= path.time[0]) & (found.t <= path.time[-1])
+    wanted = path.at(found.t[inside])["command_m"]
+    np.testing.assert_allclose(found.command_m[inside], wanted, rtol=0, atol=1e-6)
+
+
+def test_results_without_a_servo_are_those_of_other_libraries(robot: Any, tmp_path: Path) -> None:
+    model, library = robot
+    other = flexgen.load(flexgen.generate(model, tmp_path / "plain").directory)
+    move, path = samples_of(model, H)
+    given = {"period": H, "q_start": move.q_start, "n_pre": 400, "n_post": 800, "hold": "zoh"}
+    one, two = (x.invert(*path, **given) for x in (library, other))
+    assert one.command_m is None and all(np.array_equal(getattr(one, x), getattr(two, x)) for x in ("q_m", "tau_m"))
+    assert np.array_equal(one.tau_m, library.invert(*path, **given, servo=True).tau_m)
+
+
+def test_memory_of_a_stream_is_that_of_its_macro(robot: Any) -> None:
+    """With the largest delay of a hold; the macro of the public header is a bound that is not far away."""
+    _, library = robot
+    text = (library.directory / "planar5_nmp_inversion.h").read_text()
+    found = re.search(r"STREAM_SIZE\(.*\) *\\\n *\((.*)\)\n", text)
+    assert found is not None
+    constant, per_interval, per_sample = map(int, re.findall(r"INT64_C\((\d+)\)", found[1]))
+    assert library.streams is not None
+    options = library.streams.structs["stream_options"](period=1e-3, tolerance=1e-6, hold=2, delay=4.0)
+    for options.intervals, options.samples_per_interval in ((1, 1), (1, 7), (10, 5), (100, 20), (513, 2)):
+        needed = int(library.streams.work(ctypes.byref(options)))
+        bound = constant + per_interval * options.intervals + per_sample * options.samples_per_interval
+        assert needed <= bound <= 1.15 * needed + 2500
+
+
+# --- the robot --------------------------------------------------------------------------------------------------------
+
+
+def error_in_mujoco(model: flexgen.RobotModel, found: Any, delay: int = 0, **changes: Any) -> float:
+    """Largest distance [m] of the tool from the path, of a robot that gets a command at each sample of its servo."""
+    t, hold = found.t, found.tau_m[0]  # at rest
+    servo = OwnServo(*changes.pop("gains", GAINS), hold, found.q_m[0], 0.8, 0.003, H)
+    arm = InMujoco(model, found.q_a[0], found.q_m[0])
+    rows = np.vstack([found.command_m[:1]] * (delay + 1) + [found.command_m])[1:]
+    at, q_a, _ = arm.follow(servo, lambda s: rows[round((s - t[0]) / H)], t[0], t[0] + H * (len(t) - 1))
+    y = evaluate(flexgen.derive(model).function("output"), q_a)[0].reshape(len(at), -1)
+    move = flexgen.plan(model)
+    wanted = move.sample(np.clip(at, 0.0, move.duration)).y[:, :, 0]
+    width = 3 if model.output.type == "tool_pose" else wanted.shape[1]
+    return float(np.linalg.norm((y - wanted)[:, :width], axis=1).max())
+
+
+@pytest.mark.parametrize("find", [inverted, streamed], ids=["whole path", "stream"])
+def test_mujoco_with_the_commands_of_c_follows_the_path(robot: Any, find: Callable[..., Any]) -> None:
+    model, library = robot
+    found = find(model, library)
+    assert error_in_mujoco(model, found) < 2e-6
+    assert error_in_mujoco(model, found, delay=1) > 2e-5
+    assert error_in_mujoco(model, found, gains=(GAINS[0], GAINS[1][::-1], GAINS[2])) > 1e-4
+
+
+@pytest.mark.slow
+def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
+    usual = flexgen.command_positions(robot_of("manutec_r3_18"), progress=False)
+    gains = [np.asarray(getattr(usual.run.law, x)) for x in ("position_gain", "speed_gain", "integral_gain")]
+    rows = zip(("position_gain", "speed_gain", "integral_gain"), gains, strict=True)
+    table = 'type = "cascade"\nspeed_feedforward = 0.8\nreference_filter_s = 0.003\n'
+    table += "".join(f"{name} = {list(map(float, x))}\n" for name, x in rows)
+    model = replace(robot_of("manutec_r3_18"), servo=flexgen.read(with_servo(tmp_path, table, "manutec_r3_18")).servo)
+    found = inverted(model, library_of(model, tmp_path))
+    assert error_in_mujoco(model, found, gains=gains) < 2e-6
+    assert error_in_mujoco(model, found, gains=gains, delay=1) > 1e-5
+
+
+# --- what there is not ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("", r"'position', but model planar5_nmp has no table \[servo\]"),
+        ('[servo]\ntype = "ppi"\n', r'is of type "ppi", not "cascade", gains of each motor'),
+        (f"[servo]\n{PLAIN}\nnotch = [{{ frequency_hz = 60 }}]\n", "filters its torque, which only command_positions"),
+    ],
+)
+def test_servos_that_c_does_not_have(tmp_path: Path, table: str, message: str) -> None:
+    file = tmp_path / "robot.toml"
+    file.write_text(Path(flexgen.read("planar5_nmp").file).read_text() + "\n" + table)
+    with pytest.raises(ArgumentError, match=message):
+        flexgen.generate(file, tmp_path / "library", parts=["position"])
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"servo": {"speed_gain": [-1.0, 1.0]}}, "out of range"),
+        ({"servo": {"integral_gain": [-1.0, 1.0]}}, "out of range"),
+        ({"servo": {"speed_feedforward": 2.5}}, "out of range"),
+        ({"servo": {"position_gain": [1.0]}}, r"servo position_gain: given shape \(1,\), expected \(2\)"),
+        ({"servo": {"gain": 1.0}}, "servo: given 'gain', expected one of position_gain"),
+        ({"servo": "ppi"}, "servo: given 'ppi', expected True or a mapping"),
+        ({"servo": {"sample_time": 1e-3}}, "period: given samples of the results 0.0005 s apart, expected 0.001 s"),
+        ({"servo": True, "hold": "linear"}, "hold: given 'linear' .* expected its own"),
+        ({"servo": {"delay": 5 * H}}, "out of range"),
+    ],
+)
+def test_servos_that_do_not_fit(robot: Any, more: dict[str, Any], message: str) -> None:
+    model, library = robot
+    move, path = samples_of(model, H)
+    with pytest.raises(ArgumentError, match=message):
+        library.invert(*path, period=H, q_start=move.q_start, n_pre=400, n_post=100, **more)
+
+
+def test_streams_in_motion_and_libraries_without_positions_take_no_servo(robot: Any, tmp_path: Path) -> None:
+    model, library = robot
+    move, (y, dy, ddy) = samples_of(model, PERIOD)
+    given: dict[str, Any] = {"period": PERIOD, "intervals": 20, "samples_per_interval": EACH, "servo": True}
+    with pytest.raises(ArgumentError, match="given a stream in motion, expected one at rest"):
+        library.stream(y[:36], move.q_start, dy=dy[:36], ddy=ddy[:36], **given)
+    plain = flexgen.load(flexgen.generate("elbow", tmp_path / "elbow").directory)
+    with pytest.raises(ArgumentError, match=r"servo: given to a library without positions, .*parts=\['position'\]"):
+        plain.stream(np.zeros(2), np.zeros(2), **given)
+
+
+def test_other_libraries_have_no_trace_of_it() -> None:
+    for name, text in clib_files.read_clib().items():
+        words = ("POSITION", "servo", "command_")
+        assert name == "servo.h" or not any(word in clib_files.render(text, "arm") for word in words), name
+    assert "give_commands" in clib_files.render(clib_files.read_clib()["whole_path.h"], "arm", parts=["POSITION"])
