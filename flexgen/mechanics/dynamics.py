@@ -137,15 +137,15 @@ def motor_harmonics(system: System) -> Built:
     n = system.model.n_m
     names = ["w_m", "dw_m", "ddw_m"]
     inputs = [ca.SX.sym(name, n) for name in names]
-    q_m, *others = motors_of_gears(system.model, *inputs)
-    gain, cogging, _ = given_torques(system.model, q_m, ca.SX.ones(n))
+    q_m, *others = motors_of_gears(system.with_symbols, *inputs)
+    gain, cogging, _ = given_torques(system.with_symbols, q_m, ca.SX.ones(n))
     return inputs, names, [q_m, *others, cogging, gain], ["q_m", "v_m", "a_m", "gear_share", "tau_c", "gain_m"]
 
 
 def given_torque(system: System) -> Built:
     """Torques that the motors give, with ripple, and their cogging torques."""
     lag = system.lagrangian
-    given, cogging, _ = given_torques(system.model, lag.q_m, lag.tau_m)
+    given, cogging, _ = given_torques(system.with_symbols, lag.q_m, lag.tau_m)
     return [lag.q_m, lag.tau_m], ["q_m", "tau_m"], [given + cogging], ["tau_d"]
 
 

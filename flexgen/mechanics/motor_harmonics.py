@@ -21,7 +21,7 @@ import numpy as np
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import has_harmonics
 from flexgen.numerics.evaluate import evaluate
-from flexgen.spec.fourier import FourierSum
+from flexgen.spec.fourier import STEEPEST, FourierSum
 
 SOLVED = 1e-17  # rad: error of a motor angle after its last step, by its bound
 
@@ -46,9 +46,9 @@ def fourier_sum(given: FourierSum, q: ca.SX, orders: int = 1) -> list[ca.SX]:
 
 def fourier_integral(given: FourierSum, q: ca.SX) -> ca.SX:
     """The integral of the sum from any fixed angle to ``q``."""
-    k = np.array(given.harmonics, dtype=float)
-    integrated = FourierSum(given.harmonics, tuple(-np.array(given.sin) / k), tuple(np.array(given.cos) / k))
-    return fourier_sum(integrated, q)[0]
+    cos = tuple(-s / k for k, s in zip(given.harmonics, given.sin, strict=True))
+    sin = tuple(c / k for k, c in zip(given.harmonics, given.cos, strict=True))
+    return fourier_sum(FourierSum(given.harmonics, cos, sin), q)[0]
 
 
 def transmission_errors(model: RobotModel) -> dict[int, tuple[int, FourierSum]]:
@@ -101,8 +101,14 @@ def given_torques(model: RobotModel, q_m: ca.SX, tau_m: ca.SX) -> tuple[ca.SX, c
 
 
 def _steps(error: FourierSum, ratio: float) -> tuple[int, int]:
-    """Steps of fixed-point iteration, then of Newton's method, after which the motor angle is solved."""
-    size, slope, bend = (abs(ratio) * error.bound(order) for order in range(3))
+    """Steps of fixed-point iteration, then of Newton's method, after which the motor angle is solved.
+
+    Of an error with run-time parameters for all that are less steep than `STEEPEST`.
+    """
+    if any(isinstance(x, ca.SX) for x in (*error.cos, *error.sin)):
+        size, slope, bend = STEEPEST / min(error.harmonics), STEEPEST, STEEPEST * max(error.harmonics)
+    else:
+        size, slope, bend = (abs(ratio) * error.bound(order) for order in range(3))
     curvature, fixed, newton = bend / (2 * (1 - slope)), 1, 0
     left = size * slope
     while curvature * left > 0.5:

@@ -10,6 +10,8 @@ friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb``
 payload.mass, ...    a single number, or all of one kind of one part: ``q2.stiffness``, ``m1.friction``
 m1.viscous, ...      a single number of a friction law, also one that is zero in the file
 m1.inertia           inertia of a rotor; only by its own name
+m1.cogging_cos_6 ..  a coefficient of a Fourier sum of a motor angle; only by its own name; of a joint ``q1``:
+                     ``q1.transmission_error_sin_2``; also ``m1.torque_ripple_cos_6``
 arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body; only by their own names
 ==================== ==============================================================================================
 
@@ -27,6 +29,7 @@ import casadi as ca
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import Body, Dof, Friction, Gear, Motor, RobotModel, Spring
 from flexgen.model.friction import refuse_hysteresis
+from flexgen.spec.fourier import FourierSum
 
 _SPRING_UNITS = {
     "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
@@ -202,9 +205,12 @@ def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
 def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
     if gear.spring is None:
         return gear
-    part, units = f"{name}, {gear.side} side", _angular if gear.side == "motor" else units
+    joint, part, units = units, f"{name}, {gear.side} side", _angular if gear.side == "motor" else units
     spring = _spring(gear.spring, name, part, units, f"{key}.spring", visit)
-    return replace(gear, spring=spring, damping=_damping(gear.damping, name, part, units, key, visit))
+    damping = _damping(gear.damping, name, part, units, key, visit)
+    # (in units of the joint, whatever the side of the spring)
+    error = _fourier_sum(gear.transmission_error, f"{name}.transmission_error", joint("rad"), key, visit)
+    return replace(gear, spring=spring, damping=damping, transmission_error=error)
 
 
 def _damping(value: float, name: str, part: str, units: Units, key: str, visit: Visit) -> Any:
@@ -226,7 +232,26 @@ def _motor(motor: Motor, visit: Visit) -> Motor:
         f"{motor.name}.inertia", motor.inertia, "kg m^2", f"rotor of {part}", f"{key}.inertia", inertia=True
     )
     inertia = visit(rotor)
-    return replace(motor, inertia=inertia, friction=_friction(motor.friction, motor.name, part, _angular, key, visit))
+    sums: dict[str, Any] = {
+        name: _fourier_sum(getattr(motor, name), f"{motor.name}.{name}", unit, key, visit)
+        for name, unit in (("cogging", "N m"), ("torque_ripple", "1"))
+    }
+    friction = _friction(motor.friction, motor.name, part, _angular, key, visit)
+    return replace(motor, inertia=inertia, friction=friction, **sums)
+
+
+def _fourier_sum(given: FourierSum | None, name: str, unit: str, key: str, visit: Visit) -> FourierSum | None:
+    if given is None:
+        return None
+    part, kind = name.split(".")
+
+    def coefficients(of: str) -> tuple[Any, ...]:
+        return tuple(
+            visit(Parameter(f"{name}_{of}_{k}", x, unit, f"{kind} of {part}", f"{key}.{kind}.{of}.{i}"))
+            for i, (k, x) in enumerate(zip(given.harmonics, getattr(given, of), strict=True))
+        )
+
+    return replace(given, cos=coefficients("cos"), sin=coefficients("sin"))
 
 
 def _friction(friction: Friction, name: str, part: str, units: Units, key: str, visit: Visit) -> Friction:

@@ -10,6 +10,7 @@ import numpy as np
 from flexgen.model.elements import ZERO, Gear, Motor, Vector, coordinates_of
 from flexgen.model.format_robot import COGGING, FRICTION, RIPPLE
 from flexgen.model.sensors import TOOL, UNITS, Sensor
+from flexgen.spec.fourier import STEEPEST
 from flexgen.spec.keys import (
     Context,
     Format,
@@ -102,7 +103,6 @@ _CURVE = Type(_read_curve, list_of(list_of({"type": "number"}, 2)) | {"minItems"
 _POINTS = "largest torque over the speed, motor side: points from the speed 0 on that bound a convex region"
 _SHARE = "change of the torque that the motor gives, as a part of it, over the motor angle"
 _THERMAL = "time constant over which torque_rms_max holds, as of the winding"
-STEEPEST = 0.5  # rate of a transmission error, motor side: the motor angle behind it is found by a few steps
 _RATIO = Type(_read_ratio, {"anyOf": [number().schema, vector().schema]})
 MOTOR = Format(
     "motor",

@@ -8,6 +8,7 @@ from flexgen.spec.keys import Context, Format, Key, Type, list_of, vector
 from flexgen.spec.tables import Table
 
 HIGHEST, MOST = 1000, 64  # harmonic of a turn; harmonics of a sum
+STEEPEST = 0.5  # rate of a transmission error, motor side: the motor angle behind it is found by a few steps
 
 
 @dataclass(frozen=True)

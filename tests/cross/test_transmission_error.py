@@ -11,8 +11,10 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.codegen import clib_files
+from flexgen.exports.fmu.variables import STATE
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.library.generate import generate_parts
+from flexgen.mechanics.parameters import with_values
 from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.runtime.library import Library
 
@@ -137,3 +139,29 @@ def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.M
     with flexgen.load(made.directory) as library:
         found = stream_error(model, library, 5e-4) if file == "motors.h" else whole_path_error(model, library)
         assert found > 1e-5
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_coefficients_at_run_time_are_those_of_another_model(tmp_path: Path) -> None:
+    model = harmonic("elbow")
+    names = ["q1.transmission_error_cos_2", "m1.cogging_sin_6", "m2.torque_ripple_cos_1"]
+    made = flexgen.generate(model, tmp_path / "a", parameters=names, progress=False)
+    numbers = {p.name: 1.5 * p.value for p in flexgen.derive(model, names).parameters}
+    other = flexgen.generate(with_values(model, numbers), tmp_path / "b", progress=False)
+    q_start, (y, dy, ddy) = path_of(model, 5e-4)
+    with flexgen.load(made.directory) as one, flexgen.load(other.directory) as two:
+        torques = one.invert(y, dy, ddy, period=5e-4, q_start=q_start, parameters=list(numbers.values())).tau_m
+        expected = two.invert(y, dy, ddy, period=5e-4, q_start=q_start).tau_m
+        assert np.abs(torques - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.slow
+def test_an_fmu_moves_as_the_lagrangian(tmp_path: Path) -> None:
+    fmus = pytest.importorskip("fmus")
+    model = harmonic("elbow")
+    written = flexgen.export_fmu(model, tmp_path / "elbow.fmu", version="2.0", block="plant")
+    inputs = fmus.inputs_over(written, 8)
+    expected = fmus.Lagrange(model).motion(fmus.starts(written, STATE), inputs)
+    found, _ = fmus.co_simulated(written, inputs, {"integration.step": 1e-5})
+    assert fmus.largest_difference(found, expected) < 1e-8
