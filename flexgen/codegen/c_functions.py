@@ -15,6 +15,7 @@ from flexgen.codegen.interface import DERIVATIVES, FORCE, OUTPUT, PARTS, POSITIO
 from flexgen.codegen.kinematic_functions import kinematic_functions
 from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS
 from flexgen.codegen.motor_constants import position_obstacle
+from flexgen.codegen.position_functions import POSITION_FUNCTIONS
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.signatures import INVERTING, offered_functions
@@ -71,20 +72,6 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "",
         (),
         returns="stream_options",
-    ),
-    CFunction(
-        "servo_defaults",
-        "",
-        "The position servo of the model file, for the member servo of options.",
-        "With it invert, bvp, invert_limited and streams give the positions to send to the robot, in addition to the "
-        "torques: the reference with which the servo sends tau_m along q_m. They need the hold HOLD_ZOH, and samples "
-        "and delay of the servo (BAD_ARGUMENT), whole paths also q_m and tau_m (NULL_ARGUMENT). The servo rests at the "
-        "first sample, and its integral part holds the torque there; so stream_start_moving takes no servo "
-        "(BAD_ARGUMENT). Where positions are sent less often than the servo samples them, these are not the best ones.",
-        (),
-        returns="servo",
-        double=True,
-        part=POSITION,
     ),
     CFunction(
         "invert_work",
@@ -347,6 +334,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         ),
     ),
     *LIMITED_FUNCTIONS,
+    *POSITION_FUNCTIONS,
     *SAMPLER_FUNCTIONS,
 )
 

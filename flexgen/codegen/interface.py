@@ -38,6 +38,15 @@ ENUMS = (
         ),
     ),
     Enum(
+        "interpolation",
+        "What a robot makes of the positions that it is sent.",
+        (
+            ("hold", "stays at a position until the next one"),
+            ("linear", "follows a straight line to the next one"),
+            ("cubic", "follows polynomials; the speed at a position is that of the line between its neighbors"),
+        ),
+    ),
+    Enum(
         "cause",
         "Why a stream did not meet its tolerance.",
         (
@@ -356,6 +365,14 @@ _SERVO = Struct(
         Field("delay", "real", (), "s", "from its sample to the torque; the option delay is delay / h"),
     ),
 )
+_INTERFACE = Struct(
+    "robot_interface",
+    "The interface of a robot that takes positions.",
+    (
+        Field("samples_per_position", "int", (), "1", "samples of the servo from one position to the next"),
+        Field("interpolation", "interpolation", (), "", "of the robot between two positions"),
+    ),
+)
 _OF_SERVO = Field(
     "servo",
     "const servo *",
@@ -374,7 +391,9 @@ def structs_with(force: bool, position: bool) -> tuple[Struct, ...]:
     """The structs of a library, with forces in the samples of a path, with commands of position, or without."""
     more: dict[str, tuple[Field, ...]] = {"samples": (_FORCE,)} if force else {}
     more |= {"inversion_options": (_OF_SERVO,), "stream_options": (_OF_SERVO,), "motion": _COMMANDS} if position else {}
-    return tuple(replace(s, fields=(*s.fields, *more.get(s.name, ()))) for s in (*(_SERVO,) * position, *STRUCTS))
+    return tuple(
+        replace(s, fields=(*s.fields, *more.get(s.name, ()))) for s in (*(_SERVO, _INTERFACE) * position, *STRUCTS)
+    )
 
 
 def default_of(field: Field, precision: str) -> str:

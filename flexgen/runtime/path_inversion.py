@@ -252,6 +252,36 @@ class Inverter:
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         return self._invert(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
+    def positions(self, found: Inversion, *, period: float, interpolation: str = "linear") -> np.ndarray:
+        """Positions for an interface of this period, whose interpolation is closest to the commands of an inversion.
+
+        Parameters
+        ----------
+        found : Inversion
+            With ``servo``, at rest at both ends.
+        period : float [s]
+            Between two positions: a multiple of the time between two samples.
+        interpolation : str
+            Of the robot: ``"linear"``, ``"cubic"`` or ``"hold"``.
+
+        Returns
+        -------
+        ndarray (m, n_g) [rad, m]
+            Of the joints; the first acts at the first sample.
+
+        Raises
+        ------
+        ArgumentError
+            The inversion has no commands, or the period or the interpolation is another one.
+        """
+        self._refuse_closed()
+        if self.servo is None or found.command_g is None:
+            raise ArgumentError("positions: given an inversion without commands, expected one with servo=True")
+        each = number_of("positions", "period", period) / found.period
+        if not (each >= 1.0 - 1e-6 and abs(each - round(each)) <= 1e-6 * each):
+            raise ArgumentError(f"positions, period: given {period:g} s, expected a multiple of {found.period:g} s")
+        return self.servo.samples("positions", found.command_g, round(each), interpolation)
+
     def _options(
         self,
         n_pre: Any,
@@ -404,6 +434,6 @@ def inverter_of(
     entry = found(f"{name}_{function}")
     made = form(manifest, entry, work, failures, again, function, parameters)
     made._grows = "growth" in offered and made._can_settle
-    made.servo = servo_entry(manifest, found, parameters.dtype)
+    made.servo = servo_entry(manifest, found, failures, parameters.dtype)
     made.entry_many = found(f"{name}_{function}_many") if f"{function}_many" in offered else None
     return made

@@ -11,8 +11,8 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import number_of
-from flexgen.runtime.inversion_arguments import array_of
-from flexgen.runtime.structs import Interface, interface_of
+from flexgen.runtime.inversion_arguments import array_of, pointer
+from flexgen.runtime.structs import Failures, Interface, failure_of, interface_of
 
 GAINS = ("position_gain", "speed_gain", "integral_gain")
 NUMBERS = ("speed_feedforward", "reference_filter", "sample_time", "delay")
@@ -27,6 +27,9 @@ class ServoEntry:
     defaults: Callable[[], ctypes.Structure]
     motors: int
     real: np.dtype[Any]
+    fit: Callable[..., int]
+    fit_work: Callable[..., int]
+    failures: Failures
 
     def options(self, function: str, given: Any, period: float, hold: Any, delay: Any) -> dict[str, Any]:
         """The options ``hold``, ``delay`` and ``servo`` of a call.
@@ -75,15 +78,38 @@ class ServoEntry:
         late = float(servo.delay) / h
         return {"hold": self.interface.enums["hold"].index("zoh"), "delay": late, "servo": servo}
 
+    def samples(self, function: str, command_g: np.ndarray, each: int, interpolation: str) -> np.ndarray:
+        """Positions (m, n_g), one every ``each`` samples of the commands (n, n_g), see the C function."""
+        known = self.interface.enums["interpolation"]
+        if interpolation not in known:
+            raise ArgumentError(f"{function}: given the interpolation {interpolation!r}, expected {', '.join(known)}")
+        robot = self.interface.structs["robot_interface"](
+            samples_per_position=each, interpolation=known.index(interpolation)
+        )
+        n, joints = command_g.shape
+        size = int(self.fit_work(ctypes.c_int(n), ctypes.byref(robot)))
+        work, out = np.empty(max(size, 0), self.real), np.empty(((n - 1) // each + 1, joints), self.real)
+        given = np.ascontiguousarray(command_g)
+        arrays = [pointer(x) for x in (given, out, work)]
+        status = self.fit(arrays[0], ctypes.c_int(n), ctypes.byref(robot), *arrays[1:], ctypes.c_int64(size))
+        if status < 0:
+            exception, text = failure_of(self.failures, status)
+            raise exception(f"{function}: {text}")
+        return out
 
-def servo_entry(manifest: Mapping[str, Any], found: Callable[[str], Any], real: np.dtype[Any]) -> ServoEntry | None:
+
+def servo_entry(
+    manifest: Mapping[str, Any], found: Callable[[str], Any], failures: Failures, real: np.dtype[Any]
+) -> ServoEntry | None:
     """The servo of a library; None where it gives no positions to send."""
     if "servo_defaults" not in {row["name"] for row in manifest.get("c_functions", ())}:
         return None
     interface = interface_of(manifest)
     defaults = found(f"{manifest['name']}_servo_defaults")
     defaults.restype = interface.structs["servo"]
-    return ServoEntry(interface, defaults, manifest["sizes"]["n_m"], real)
+    fit, work = (found(f"{manifest['name']}_position_samples{end}") for end in ("", "_work"))
+    work.restype = ctypes.c_int64
+    return ServoEntry(interface, defaults, manifest["sizes"]["n_m"], real, fit, work, failures)
 
 
 def servo_options(

@@ -82,5 +82,5 @@ def streams_of(
         failures,
         again,
         found(f"{manifest['name']}_stream_force") if "stream_force" in offered else None,
-        servo_entry(manifest, found, parameters.dtype),
+        servo_entry(manifest, found, failures, parameters.dtype),
     )

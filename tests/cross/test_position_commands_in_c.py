@@ -1,6 +1,7 @@
 """Positions to send in the emitted C: whole paths and streams against the servo of textbooks, MuJoCo, and Python.
 
-Planted errors: an integral part that is not carried from sample to sample, a delay of a sample, gains in another order.
+Samples for an interface by a solver that shares no code. Planted errors: an integral part that is not carried from
+sample to sample, a delay of a sample, gains in another order.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from flexgen.inversion.sampling import samples
 from flexgen.numerics.evaluate import evaluate
 from flexgen.runtime.library import Library
 from flexgen.servo.inverse import invert_servo
+from flexgen.servo.samples import basis, fit_samples
 from flexgen.servo.servo import servo_of
 
 pytestmark = needs_compiler
@@ -207,9 +209,12 @@ def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
     table = 'type = "cascade"\nspeed_feedforward = 0.8\nreference_filter_s = 0.003\n'
     table += "".join(f"{name} = {list(map(float, x))}\n" for name, x in rows)
     model = replace(robot_of("manutec_r3_18"), servo=flexgen.read(with_servo(tmp_path, table, "manutec_r3_18")).servo)
-    found = inverted(model, library_of(model, tmp_path))
+    library = library_of(model, tmp_path)
+    found = inverted(model, library)
     assert error_in_mujoco(model, found, gains=gains) < 2e-6
     assert error_in_mujoco(model, found, gains=gains, delay=1) > 1e-5
+    assert error_of_table(model, library, gains) < 2e-6
+    assert error_in_mujoco(model, streamed(model, library), gains=gains) < 2e-6
 
 
 # --- what there is not ------------------------------------------------------------------------------------------------
@@ -265,5 +270,59 @@ def test_streams_in_motion_and_libraries_without_positions_take_no_servo(robot: 
 def test_other_libraries_have_no_trace_of_it() -> None:
     for name, text in clib_files.read_clib().items():
         words = ("POSITION", "servo", "command_")
-        assert name == "servo.h" or not any(word in clib_files.render(text, "arm") for word in words), name
+        assert name in ("servo.h", "position_samples.c") or not any(
+            word in clib_files.render(text, "arm") for word in words
+        ), name
     assert "give_commands" in clib_files.render(clib_files.read_clib()["whole_path.h"], "arm", parts=["POSITION"])
+
+
+# --- samples for an interface -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("interpolation", ["hold", "linear", "cubic"])
+@pytest.mark.parametrize("period", [H, 4e-3, 7.5e-3])
+def test_samples_for_an_interface_are_those_of_python(robot: Any, interpolation: Any, period: float) -> None:
+    """By the sparse solver of SciPy and a basis that a test compares with its interpolations; the last is not whole."""
+    model, library = robot
+    found = inverted(model, library)
+    positions = library.invert.positions(found, period=period, interpolation=interpolation)
+    edges = found.t[0] + period * np.arange(len(positions))
+    assert edges[-1] <= found.t[-1] + 1e-9 < edges[-1] + period
+    B = basis(found.t, edges, interpolation)
+    np.testing.assert_allclose(positions, fit_samples(B, found.command_g), rtol=0, atol=1e-9)
+    off = np.abs(B @ positions - found.command_g).max()
+    least = np.abs(B @ (positions + 1e-4 * np.sin(np.arange(len(positions)))[:, None]) - found.command_g).max()
+    assert off < least
+
+
+def error_of_table(model: flexgen.RobotModel, library: Library, gains: Any = GAINS, late: float = 0.0) -> float:
+    """Largest distance [m] of the tool in MuJoCo, whose servo interpolates positions every 4 ms by straight lines."""
+    move, path = samples_of(model, H)
+    given = {"period": H, "q_start": move.q_start, "n_pre": 400, "samples_per_interval": 10}
+    found = library.invert(*path, **given, n_post=6000, servo=True)
+    rows = library.invert.positions(found, period=4e-3) @ model.eta.T
+    times = found.t[0] + late + 4e-3 * np.arange(len(rows))
+    commands = np.stack([np.interp(found.t, times, x) for x in rows.T], axis=1)
+    until = found.t <= move.duration + 0.3
+    cut = {name: getattr(found, name)[until] for name in ("t", "tau_m", "q_m", "q_a")}
+    return error_in_mujoco(model, SimpleNamespace(**cut, command_m=commands[until]), gains=gains)
+
+
+def test_mujoco_with_a_table_of_c_follows_the_path(robot: Any) -> None:
+    model, library = robot
+    assert error_of_table(model, library) < 2e-6
+    assert error_of_table(model, library, late=H) > 1e-5
+
+
+def test_wrong_interfaces(robot: Any) -> None:
+    model, library = robot
+    found = inverted(model, library)
+    for given, message in (
+        ({"period": 1.1e-3}, "expected a multiple of 0.0005 s"),
+        ({"period": 1e-4}, "expected a multiple of 0.0005 s"),
+        ({"period": 4e-3, "interpolation": "spline"}, "given the interpolation 'spline', expected hold, linear, cubic"),
+    ):
+        with pytest.raises(ArgumentError, match=message):
+            library.invert.positions(found, **given)
+    with pytest.raises(ArgumentError, match="without commands, expected one with servo=True"):
+        library.invert.positions(replace(found, command_g=None), period=4e-3)
