@@ -9,10 +9,12 @@ from typing import Any
 
 from flexgen.errors import FlexgenError, ModelError
 from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel
-from flexgen.model.format_robot import GEAR, JOINT_SPRING, friction
+from flexgen.model.format_robot import COGGING, GEAR, JOINT_SPRING, RIPPLE, friction
 from flexgen.model.reader import model_names, read
 from flexgen.spec.schema import write
 from flexgen.type_checks import checked_types
+
+SUMS = {"cogging": COGGING, "torque_ripple": RIPPLE}  # of the angle of a motor
 
 
 @checked_types
@@ -197,5 +199,8 @@ def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:
         "ratio_unit": [f"rad/{units[name]}" for name in motor.drives],
         "inertia": motor.inertia,
         "friction": _friction(motor.friction),
-        **_other_fields(motor, "name", "drives", "ratio", "inertia", "friction", "axis", "carrier"),
+        **_other_fields(motor, "name", "drives", "ratio", "inertia", "friction", "axis", "carrier", *SUMS),
+        **{
+            key: None if getattr(motor, key) is None else write(form, getattr(motor, key)) for key, form in SUMS.items()
+        },
     }

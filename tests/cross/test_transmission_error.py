@@ -117,6 +117,13 @@ def test_limits_of_motors_are_not_offered(elbow: tuple[flexgen.RobotModel, Libra
         _ = library.invert_limited
 
 
+def test_libraries_without_the_sums_have_no_trace_of_them() -> None:
+    for text in clib_files.read_clib().values():
+        plain = clib_files.render(text, "arm")
+        assert "HARMONICS" not in plain and "motor_harmonics" not in plain
+    assert "motor_harmonics" in clib_files.render(clib_files.read_clib()["motors.h"], "arm", parts=["HARMONICS"])
+
+
 PLANTED = {
     "share": ("torque += share[j] * eta_inverse", "torque += eta_inverse", "motors.h"),
     "share of points": ("torque += load_v(&share[j][l]) * eta_inverse", "torque += eta_inverse", "whole_path.h"),

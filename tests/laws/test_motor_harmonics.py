@@ -242,6 +242,17 @@ def test_wrong_tables_are_refused(
         flexgen.read(tmp_path / "drive.toml", overrides={key: table})
 
 
+def test_a_description_has_the_tables_of_the_file(drive: flexgen.RobotModel) -> None:
+    found = flexgen.describe(drive)
+    (motor,), (joint,) = found["motors"], found["coordinates"]
+    for given, table in (
+        (joint["gear"]["transmission_error"], ERROR),
+        (motor["cogging"], COGGING),
+        (motor["torque_ripple"], RIPPLE),
+    ):
+        assert {key: list(numbers) for key, numbers in given.items()} == table
+
+
 def test_coupled_gears_have_no_transmission_error() -> None:
     both = {"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [30.0, 250.0]}
     flexgen.read("elbow", overrides=both | {"motor.m2.cogging": COGGING})
