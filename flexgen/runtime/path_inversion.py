@@ -252,13 +252,14 @@ class Inverter:
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         return self._invert(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
-    def positions(self, found: Inversion, *, period: float, interpolation: str = "linear") -> np.ndarray:
-        """Positions for an interface of this period, whose interpolation is closest to the commands of an inversion.
+    def positions(self, found: Inversion | np.ndarray, *, period: float, interpolation: str = "linear") -> np.ndarray:
+        """Positions for an interface of this period, whose interpolation is closest to commands.
 
         Parameters
         ----------
-        found : Inversion
-            With ``servo``, at rest at both ends.
+        found : Inversion or array (n, n_g)
+            With ``servo``, at rest at both ends. Or 2 or more commands of a stream, one sample time of the servo of the
+            model file apart: the position in the middle is right where there are 8 on either side.
         period : float [s]
             Between two positions: a multiple of the time between two samples.
         interpolation : str
@@ -275,12 +276,19 @@ class Inverter:
             The inversion has no commands, or the period or the interpolation is another one.
         """
         self._refuse_closed()
-        if self.servo is None or found.command_g is None:
+        commands, step = (found.command_g, found.period) if isinstance(found, Inversion) else (found, None)
+        if self.servo is None or commands is None:
             raise ArgumentError("positions: given an inversion without commands, expected one with servo=True")
-        each = number_of("positions", "period", period) / found.period
+        commands = array_of("positions", "found", commands, None, self._real)
+        if commands.ndim != 2 or commands.shape[1] != self._sizes["n_g"] or len(commands) < 2:
+            raise ArgumentError(
+                f"positions: given commands of shape {commands.shape}, expected (n, {self._sizes['n_g']})"
+            )
+        step = self.servo.sample_time if step is None else step
+        each = number_of("positions", "period", period) / step
         if not (each >= 1.0 - 1e-6 and abs(each - round(each)) <= 1e-6 * each):
-            raise ArgumentError(f"positions, period: given {period:g} s, expected a multiple of {found.period:g} s")
-        return self.servo.samples("positions", found.command_g, round(each), interpolation)
+            raise ArgumentError(f"positions, period: given {period:g} s, expected a multiple of {step:g} s")
+        return self.servo.samples("positions", commands, round(each), interpolation)
 
     def _options(
         self,

@@ -78,6 +78,11 @@ class ServoEntry:
         late = float(servo.delay) / h
         return {"hold": self.interface.enums["hold"].index("zoh"), "delay": late, "servo": servo}
 
+    @property
+    def sample_time(self) -> float:
+        """That of the model file [s]."""
+        return float(self.defaults().sample_time)
+
     def samples(self, function: str, command_g: np.ndarray, each: int, interpolation: str) -> np.ndarray:
         """Positions (m, n_g), one every ``each`` samples of the commands (n, n_g), see the C function."""
         known = self.interface.enums["interpolation"]
@@ -89,8 +94,7 @@ class ServoEntry:
         n, joints = command_g.shape
         size = int(self.fit_work(ctypes.c_int(n), ctypes.byref(robot)))
         work, out = np.empty(max(size, 0), self.real), np.empty(((n - 1) // each + 1, joints), self.real)
-        given = np.ascontiguousarray(command_g)
-        arrays = [pointer(x) for x in (given, out, work)]
+        arrays = [pointer(x) for x in (command_g, out, work)]
         status = self.fit(arrays[0], ctypes.c_int(n), ctypes.byref(robot), *arrays[1:], ctypes.c_int64(size))
         if status < 0:
             exception, text = failure_of(self.failures, status)

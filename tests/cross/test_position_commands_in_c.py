@@ -215,6 +215,7 @@ def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
     assert error_in_mujoco(model, found, gains=gains, delay=1) > 1e-5
     assert error_of_table(model, library, gains) < 2e-6
     assert error_in_mujoco(model, streamed(model, library), gains=gains) < 2e-6
+    assert error_of_windows(model, library, 8, gains) < 2e-6
 
 
 # --- what there is not ------------------------------------------------------------------------------------------------
@@ -240,6 +241,7 @@ def test_servos_that_c_does_not_have(tmp_path: Path, table: str, message: str) -
     [
         ({"servo": {"speed_gain": [-1.0, 1.0]}}, "out of range"),
         ({"servo": {"integral_gain": [-1.0, 1.0]}}, "out of range"),
+        ({"servo": {"position_gain": [float("nan"), 1.0]}}, "out of range"),
         ({"servo": {"speed_feedforward": 2.5}}, "out of range"),
         ({"servo": {"position_gain": [1.0]}}, r"servo position_gain: given shape \(1,\), expected \(2\)"),
         ({"servo": {"gain": 1.0}}, "servo: given 'gain', expected one of position_gain"),
@@ -314,6 +316,29 @@ def test_mujoco_with_a_table_of_c_follows_the_path(robot: Any) -> None:
     assert error_of_table(model, library, late=H) > 1e-5
 
 
+def error_of_windows(
+    model: flexgen.RobotModel, library: Library, sides: int, gains: Any = GAINS, off: int = 0
+) -> float:
+    """The same of a stream: each position is in the middle of a window of ``sides`` positions on either side."""
+    found, each = streamed(model, library), round(4e-3 / H)
+    rest = np.tile(found.command_g[:1], (sides * each, 1))
+    commands = np.vstack([rest, found.command_g])
+    count = (len(commands) - 1) // each - 2 * sides
+    windows = (commands[j * each : (j + 2 * sides) * each + 1] for j in range(count))
+    rows = np.array([library.invert.positions(x, period=4e-3)[sides + off] for x in windows]) @ model.eta.T
+    n = (count - 1) * each
+    sent = np.stack([np.interp(found.t[:n], found.t[0] + 4e-3 * np.arange(count), x) for x in rows.T], axis=1)
+    cut = {name: getattr(found, name)[:n] for name in ("t", "tau_m", "q_m", "q_a")}
+    return error_in_mujoco(model, SimpleNamespace(**cut, command_m=sent), gains=gains)
+
+
+def test_mujoco_with_windows_of_a_stream_follows_the_path(robot: Any) -> None:
+    model, library = robot
+    assert error_of_windows(model, library, 8) < 2e-8
+    assert 2e-8 < error_of_windows(model, library, 4) < 1e-7
+    assert error_of_windows(model, library, 8, off=1) > 1e-5
+
+
 def test_wrong_interfaces(robot: Any) -> None:
     model, library = robot
     found = inverted(model, library)
@@ -326,3 +351,6 @@ def test_wrong_interfaces(robot: Any) -> None:
             library.invert.positions(found, **given)
     with pytest.raises(ArgumentError, match="without commands, expected one with servo=True"):
         library.invert.positions(replace(found, command_g=None), period=4e-3)
+    for commands in (found.command_g[:1], found.command_g[:, :1], found.command_g[0]):
+        with pytest.raises(ArgumentError, match=r"given commands of shape .*, expected \(n, 2\)"):
+            library.invert.positions(commands, period=4e-3)
