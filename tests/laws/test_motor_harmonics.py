@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.identification.recordings.rigid_body import Regressor
 from flexgen.mechanics import lagrangian as lagrangian_module
 from flexgen.mechanics import motor_harmonics as law_of
 from flexgen.mechanics.signatures import offered_functions
@@ -270,6 +271,8 @@ def test_what_does_not_know_the_sums_refuses_them() -> None:
         lambda: flexgen.plan_problem(model),
         lambda: flexgen.export_mujoco(model, "elbow.xml"),
         lambda: flexgen.CollisionDetector(model, 1e-3),
+        lambda: Regressor(model),
+        lambda: flexgen.control(model, controller=flexgen.ComputedTorque(10.0)),
     ):
         with pytest.raises(ArgumentError, match="transmission_error, cogging and torque_ripple"):
             call()

@@ -35,6 +35,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.feasible_bodies import Feasible, body_of, numbers_of, scales
 from flexgen.model.elements import Body, Friction, Motor, RobotModel
 from flexgen.model.format_robot import HARMONICS
+from flexgen.model.friction import refuse_harmonics
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.residual_statistics import covariance, parts_of, rms
@@ -105,6 +106,7 @@ class Regressor:
             raise ArgumentError(
                 f"model {model.name}: given {model.n_e} coordinates without motor, expected a rigid arm"
             )
+        refuse_harmonics(model, "identify_rigid")
         self.model = model
         names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
         empty = replace(model, payload=Body())
