@@ -52,6 +52,11 @@ def read_clib() -> dict[str, str]:
     return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
 
 
+def keep_parts(text: str, parts: Collection[str]) -> str:
+    """A fixed text with the sections ``#if MODEL_PART`` of these parts, and what is there instead of the others."""
+    return _SECTION.sub(lambda found: found[2] if found[1] in parts else found[3] or "", text)
+
+
 def render(text: str, name: str, precision: str = "double", parts: Collection[str] = ()) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
@@ -59,7 +64,7 @@ def render(text: str, name: str, precision: str = "double", parts: Collection[st
     for gears with hysteresis, for Fourier sums of motor angles, for positions to send, which other libraries do not
     have.
     """
-    text = _SECTION.sub(lambda found: found[2] if found[1] in parts else found[3] or "", text)
+    text = keep_parts(text, parts)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
     text = re.sub(r"\bMODEL_", f"{name.upper()}_", text)
     if precision == "double":

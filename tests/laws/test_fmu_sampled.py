@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from time import perf_counter
 
 import fmus
@@ -229,3 +230,31 @@ def test_a_step_of_more_samples_than_can_be_computed_is_discarded_at_once(block,
     assert np.array_equal(fmu.get(fmus.references(written, OUTPUT)), before)
     fmu.step(1, 1e-3)  # and it continues
     fmu.close()
+
+
+# --- positions to send ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("integral", [6.0, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_the_feedforward_of_a_robot_with_a_servo_gives_its_commands(integral, tmp_path):
+    """The bits of the stream of a library with positions; planted: each sample one update late."""
+    table = "\n[servo]\ntype = 'cascade'\nposition_gain = [30.0, 25.0]\nspeed_gain = [1.5, 0.4]\n"
+    table += f"integral_gain = [{integral}, 6.0]\n"
+    file = tmp_path / "robot.toml"
+    file.write_text(Path(flexgen.read("elbow").file).read_text() + table + "delay = 0.0005\n")
+    written = flexgen.export_fmu(file, tmp_path / "elbow.fmu", block="feedforward")
+    library = flexgen.generate(file, tmp_path / "library", parameters=["payload"], parts=["position"]).directory
+    robot, start, begin = flexgen.read(file), fmus.starts(written, OUTPUT), fmus.starts(written, INPUT)
+    options = {"period": 5e-3, "intervals": 10, "samples_per_interval": 10, "servo": True}
+    stream = flexgen.load(library).stream(begin[:2], start[6 : 6 + robot.n_a], **options)
+    u = path(written, 45, 5e-3)
+    expected = [stream.update(row[:2], row[2:4], row[4:]) for row in u]
+    found = streamed(written, u, samples=10)
+    names = [v.name for v in written.details["variables"] if v.kind == OUTPUT]
+    at = [names.index(f"arm.{joint}.command") for joint in ("q1", "q2")]
+    assert np.array_equal(found[:, at], np.vstack([x.command_g for x in expected]))
+    assert np.array_equal(found[:, :2], np.vstack([x.tau_m for x in expected]))
+    np.testing.assert_allclose(found[0, at], np.array(start)[at], atol=1e-6)
+    assert np.abs(np.diff(found[:, at[0]])).max() > 1e-5
+    late = streamed(written, np.vstack([u[:1], u[:-1]]), samples=10)
+    assert not np.array_equal(late[:, at], found[:, at])

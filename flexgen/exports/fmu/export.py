@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from flexgen.atomic_files import atomic_file
+from flexgen.codegen.clib_files import keep_parts
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.exported import Exported, exported
 from flexgen.exports.fmu.binaries import SOURCE, Binary, binaries_of, compile_binary
@@ -199,7 +200,8 @@ def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
     interface = _interface(version)
     headers = sorted(path.name for path in (_FOLDER / "standard").glob(f"fmi{version[0]}*.h"))
     own = [interface, *(_PREFIX + name for name in ("core.h", "warnings.h", _FIXED[block.macro]))]
-    texts = {name: (_FOLDER / "c" / name).read_text(encoding="ascii") for name in own}
+    parts = ["POSITION"] if "N_C" in block.defines else []
+    texts = {name: keep_parts((_FOLDER / "c" / name).read_text(encoding="ascii"), parts) for name in own}
     texts |= {name: (_FOLDER / "standard" / name).read_text(encoding="ascii") for name in headers}
     _check_name(block, texts)
     top = f'#include "{_PREFIX}warnings.h"\n\n'
@@ -208,8 +210,8 @@ def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
     def describe(token: str) -> str:
         return description_2(block, token, [SOURCE]) if version == "2.0" else description_3(block, token)
 
-    parts = [__version__, describe(""), config(block, ""), *(f"{name}\n{texts[name]}" for name in sorted(texts))]
-    token = "{" + hashlib.sha256("\0".join(parts).encode()).hexdigest() + "}"
+    hashed = [__version__, describe(""), config(block, ""), *(f"{name}\n{texts[name]}" for name in sorted(texts))]
+    token = "{" + hashlib.sha256("\0".join(hashed).encode()).hexdigest() + "}"
     texts[f"{_PREFIX}config.h"] = config(block, token)
     files = {f"sources/{name}": texts[name] for name in headers}
     files[f"sources/{SOURCE}"] = _merge(block, texts, interface, set(headers))

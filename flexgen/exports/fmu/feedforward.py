@@ -9,7 +9,8 @@ import numpy as np
 
 from flexgen.codegen.amalgamation import merge_files
 from flexgen.codegen.emit import emit, function_texts
-from flexgen.codegen.interface import INTERVALS_MAX, STATUSES
+from flexgen.codegen.interface import INTERVALS_MAX, POSITION, STATUSES
+from flexgen.codegen.motor_constants import position_obstacle
 from flexgen.codegen.spec import StreamDefaults, library_name, library_spec
 from flexgen.errors import ArgumentError
 from flexgen.exports.fmu.block import Block, time_variable
@@ -50,20 +51,27 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
         )
     equations = derive(model, ("payload",))
     offered = offered_functions(model)
-    spec = library_spec(equations, [name for name in INVERTING if name in offered])
+    servo = None if position_obstacle(model) else model.servo
+    spec = library_spec(equations, [name for name in INVERTING if name in offered], parts=(POSITION,))
     options = stream_defaults(model, spec)
     if options is None:
         raise ArgumentError(
             f"block 'feedforward': model {model.name} has no equilibrium at its home pose, or a singular one; expected "
             "a home pose that the tool can leave in all directions of the output"
         )
+    options = options if servo is None else _at_samples(options, servo.sample_time)
     options = options if look_ahead is None else _with(options, look_ahead)
-    spec = replace(spec, stream=options, c_functions=tuple(f for f in spec.c_functions if f.file == "stream.c"))
+    spec = replace(
+        spec,
+        stream=options,
+        c_functions=tuple(f for f in spec.c_functions if f.file == "stream.c" or f.name == "servo_defaults"),
+    )
     texts = merge_files(spec.name, emit(spec, function_texts(spec)))
     held = hold_joints(derive(model), np.array(model.home))
     name, prefix = f"{library_name(model)}_feedforward", spec.name
     sizes = {"N_A": model.n_a, "N_M": model.n_m, "N_OUT": model.output.size, "N_T": model.output.target_size}
-    results = options.samples_per_interval * (2 * model.n_a + 3 * model.n_m) + len(_FIGURES)
+    sizes |= {} if servo is None else {"N_C": model.n_g}
+    results = options.samples_per_interval * (2 * model.n_a + 3 * model.n_m + sizes.get("N_C", 0)) + len(_FIGURES)
     memory = f"(int)({prefix.upper()}_STREAM_SIZE(INTERVALS, SAMPLES))"
     return Block(
         name=name,
@@ -81,6 +89,7 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
             "TOLERANCE": repr(options.tolerance),
             "N_STREAM": memory,
             "P_MASS": "0",
+            **({} if servo is None else {"HELD": f"{prefix.upper()}_HOLD_ZOH"}),
             "MODEL(name)": f"{prefix}_##name",
             "REFUSED_NOT_FINITE": f"{prefix.upper()}_INPUT_NOT_FINITE",
             "REFUSED_ARGUMENT": f"{prefix.upper()}_BAD_ARGUMENT",
@@ -103,6 +112,19 @@ def _with(options: StreamDefaults, look_ahead: float) -> StreamDefaults:
             f"look_ahead: given {look_ahead} s, expected 1 to {INTERVALS_MAX} times the period of {options.period:g} s"
         )
     return replace(options, look_ahead=intervals * options.period, intervals=intervals)
+
+
+def _at_samples(options: StreamDefaults, h: float) -> StreamDefaults:
+    """The options with samples every ``h`` [s], those of a servo."""
+    samples = max(round(options.period / h), 1)
+    intervals = math.ceil(options.look_ahead / (samples * h) - 1e-9)
+    return replace(
+        options,
+        period=samples * h,
+        samples_per_interval=samples,
+        intervals=intervals,
+        look_ahead=intervals * samples * h,
+    )
 
 
 def home_output(model: RobotModel, equations: Equations, q_a: np.ndarray) -> np.ndarray:
@@ -160,6 +182,12 @@ def _outputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
         rows.append((f"arm.{c.name}.reference_position", c.unit, "arm coordinate of the planned motion", held.q_a[k]))
     rows += [(f"arm.{c.name}.reference_speed", f"{c.unit}/s", "its speed", 0.0) for c in model.coordinates]
     rows += [(name, unit, text, 0.0) for name, unit, text in _FIGURES]
+    if position_obstacle(model) is None and model.servo is not None:
+        gains = (model.servo.position_gain, model.servo.speed_gain, model.servo.integral_gain)
+        offset = [0.0 if k_i > 0 else tau / (k_p * k_v) for tau, k_p, k_v, k_i in zip(held.tau_m, *gains, strict=True)]
+        start = np.linalg.solve(model.eta, held.q_m + offset)
+        for k, c in enumerate(model.coordinates[i] for i in model.i_g):
+            rows.append((f"arm.{c.name}.command", c.unit, "position to send to the servo", start[k]))
     return [
         Variable(name, OUTPUT, k, unit, text, float(start), sampled=True, depends=())
         for k, (name, unit, text, start) in enumerate(rows)

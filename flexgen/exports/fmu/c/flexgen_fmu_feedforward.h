@@ -15,7 +15,12 @@ enum {
     Q_M = V_A + SAMPLES * N_A,
     V_M = Q_M + SAMPLES * N_M,
     TAU_M = V_M + SAMPLES * N_M,
+#if MODEL_POSITION
+    COMMAND = TAU_M + SAMPLES * N_M,
+    FIGURES = COMMAND + SAMPLES * N_C
+#else  /* MODEL_POSITION */
     FIGURES = TAU_M + SAMPLES * N_M
+#endif /* MODEL_POSITION */
 };
 
 static const char *block_check(unsigned index, double value, int before)
@@ -54,8 +59,19 @@ static const char *block_advance(core *c, double length)
 static const char *block_start(core *c)
 {
     const MODEL(stream) stream = {.memory = c->s.memory, .size = N_STREAM};
+#if MODEL_POSITION
+    const MODEL(servo) servo = MODEL(servo_defaults)();
+    const MODEL(stream_options) options = {.intervals = INTERVALS,
+        .samples_per_interval = SAMPLES,
+        .period = PERIOD,
+        .tolerance = TOLERANCE,
+        .hold = HELD,
+        .delay = servo.delay / servo.sample_time,
+        .servo = &servo};
+#else  /* MODEL_POSITION */
     const MODEL(stream_options)
         options = {.intervals = INTERVALS, .samples_per_interval = SAMPLES, .period = PERIOD, .tolerance = TOLERANCE};
+#endif /* MODEL_POSITION */
     const MODEL(status) status = MODEL(stream_start)(&stream, &options, c->s.u, c->s.p, Q_START);
     c->s.status = status;
     return status < 0 ? MODEL(status_text)(status) : NULL;
@@ -87,6 +103,9 @@ static core_status block_tick(core *c)
             .q_m = memory + Q_M,
             .v_m = memory + V_M,
             .tau_m = memory + TAU_M,
+#if MODEL_POSITION
+            .command_g = memory + COMMAND,
+#endif /* MODEL_POSITION */
         };
         MODEL(stream_info) info;
         const double *u = c->s.u;
@@ -105,6 +124,9 @@ static core_status block_tick(core *c)
     memcpy(y + 3 * N_M, memory + Q_A + sample * N_A, N_A * sizeof *y);
     memcpy(y + 3 * N_M + N_A, memory + V_A + sample * N_A, N_A * sizeof *y);
     memcpy(y + 3 * N_M + 2 * N_A, memory + FIGURES, 3 * sizeof *y);
+#if MODEL_POSITION
+    memcpy(y + 3 * N_M + 2 * N_A + 3, memory + COMMAND + sample * N_C, N_C * sizeof *y);
+#endif /* MODEL_POSITION */
     return c->s.status > 0 && sample == 0 ? fail(c, WARNING, MODEL(status_text)((MODEL(status))c->s.status)) : SUCCESS;
 }
 
