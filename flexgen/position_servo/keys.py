@@ -82,7 +82,9 @@ def _check_gains(table: Table, here: Context) -> None:
         if min(here.values[name]) <= 0.0:
             raise table.fail(name, "numbers > 0: else the servo follows no reference")
     if min(here.values[GAINS[2]]) < 0.0:
-        raise table.fail(GAINS[2], "numbers >= 0: else the inverse of the servo is unstable")
+        raise table.fail(
+            GAINS[2], "numbers >= 0: else the servo has a zero 1/(1 + k_i h) > 1, and its inverse is unstable"
+        )
 
 
 _OF_MOTORS = vector(size=lambda here: len(here.of_file("motor")))

@@ -46,7 +46,7 @@ def invert_servo(servo: Servo, gains: Cascade, torque: np.ndarray, q_m: np.ndarr
     Raises
     ------
     ArgumentError
-        A gain is not positive, or a filter does not pass a constant.
+        A gain is not positive, a filter does not pass a constant, or the inverse is unstable.
     """
     h, f, a = servo.sample_time, servo.speed_feedforward, servo.part_per_sample
     given = {name: np.asarray(getattr(gains, name), float) for name in ("position_gain", "speed_gain")}
@@ -54,6 +54,12 @@ def invert_servo(servo: Servo, gains: Cascade, torque: np.ndarray, q_m: np.ndarr
         if not (values > 0.0).all():
             raise ArgumentError(f"servo, {name}: given {values}, expected numbers > 0: else it follows no reference")
     k_i = np.asarray(gains.integral_gain, float)
+    if not (k_i >= 0.0).all():
+        zeros = ", ".join(f"{1.0 / (1.0 + k * h):.6g}" for k in k_i if not k >= 0.0)
+        raise ArgumentError(
+            f"servo, integral_gain: given {k_i}, expected numbers >= 0: the zero of the servo at z = 1/(1 + k_i h) = "
+            f"{zeros} is not within the unit circle, so its inverse is unstable"
+        )
     w = _invert_filters(gains.filters, h, torque - torque[0]) / given["speed_gain"]
     q, r = q_m - q_m[0], np.empty_like(q_m)
     Dq = np.diff(q, axis=0, prepend=q[:1]) / h

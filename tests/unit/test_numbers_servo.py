@@ -55,6 +55,15 @@ def test_the_inverse_of_a_servo_makes_it_send_the_torque(integral: float, feedfo
     assert np.abs(servo_torque(wrong, law, r, q) - (torque - torque[0])).max() > 1e-2
 
 
+def test_an_unstable_inverse_is_refused_with_its_zero() -> None:
+    """The zero is where the transfer function from the reference to the torque vanishes."""
+    q, torque = motion(20)
+    law = Cascade(np.array([20.0, 31.0]), np.array([5.0, 0.7]), np.array([1.0, -30.0]))
+    zero = np.roots([1.0 + law.integral_gain[1] * H, -1.0])[0]
+    with pytest.raises(ArgumentError, match=rf"= {zero:.6g} is not within the unit circle, so its inverse is unstable"):
+        invert_servo(Servo(law, sample_time=H), law, torque, q)
+
+
 def test_gains_and_filters_without_inverse_are_refused() -> None:
     q, torque = motion(20)
     law = Cascade(np.array([20.0, 0.0]), np.ones(2), np.ones(2))
