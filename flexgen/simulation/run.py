@@ -176,7 +176,7 @@ def _rate(equations: Equations) -> ca.Function:
         motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
     power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque, *more)
     if hysteretic:
-        from flexgen.mechanics.hysteresis import hysteretic_rate
+        from flexgen.simulation.hysteretic_rate import hysteretic_rate
 
         inputs, outputs = hysteretic_rate(equations)
         dx, dz, taken = ca.Function("rate", inputs, outputs)(x[: 2 * n], x[2 * n + 2 :], torque, *more)
