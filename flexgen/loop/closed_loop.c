@@ -19,7 +19,7 @@
 #define LOOP_API
 #endif
 
-enum { LOOP_DONE = 0, LOOP_NOT_FINITE = 1, LOOP_CONTROLLER_FAILED = 2 };
+enum { LOOP_DONE = 0, LOOP_NOT_FINITE = 1, LOOP_CONTROLLER_FAILED = 2, LOOP_STEP_TOO_LONG = 3 };
 enum { LOOP_TOOL = 6 }; /* entries of a force and a torque on the tool */
 
 /* Functions of the model's library, for n points (with_n) or for one. The parameters come before the results where the
@@ -44,6 +44,20 @@ typedef int (*loop_controller)(void *self, int64_t k, const double *y, const dou
 
 /* The same for all robots at once: y (lanes, n_y), ref (lanes, n_ref), u (lanes, n_m); NaN stops a robot's control. */
 typedef void (*loop_controllers)(int64_t k, const double *y, const double *ref, double *u);
+
+/* Robots whose gears have hysteresis: a function that CasADi writes, for one robot. Its inputs are the state with the
+   gears' torques z/W at the end, the motor torques, the numbers of the robot, and the force on the tool where it has
+   one; its output is the rate of the state. */
+typedef struct {
+    int (*rate)(const double **arg, double **res, long long *iw, double *w, int mem);
+    const double **arg;
+    double **res;
+    long long *iw;
+    double *w;
+    const double *numbers; /* (lanes, n_numbers) */
+    int64_t n_numbers;
+    double *point; /* state, motor torques, force, and the rate of the state */
+} loop_hysteresis;
 
 typedef struct {
     int32_t lanes, n_a, n_m, n_g;
@@ -71,19 +85,29 @@ typedef struct {
     const double *torque_noise, *torque_max; /* (n_m); 0: none */
     const double *disturbances;              /* (steps, n_m + 6, disturbed): motor torques, force on the tool */
     const unsigned char *pushing;            /* (steps): whether a force acts on a tool */
-    double *state;                           /* q_a, v_a, q_m, v_m: 2 (n_a + n_m) rows of lanes */
+    double *state;                           /* q_a, v_a, q_m, v_m, z/W: 2 (n_a + n_m) + n_z rows of lanes */
     double *torque;                          /* torque that acts now, noise included (n_m rows of lanes) */
     double *pending;                         /* torques of the last samples, slots times n_m rows of lanes */
     double *shown;                           /* what the channels measured, history + 1 slots of n_y rows of lanes */
-    double *scratch;                         /* 10 (n_a + n_m) + n_m + n_g + n_y + 6 rows of lanes */
+    double *scratch;                         /* 10 (n_a + n_m) + 5 n_z + n_m + n_g + n_y + 6 rows of lanes */
     uint64_t *random;                        /* four words for each lane, not all zero */
     int32_t *status;                         /* of each lane */
     int64_t *saturated;                      /* samples at a torque limit, of each lane */
     double *record;       /* null, or for each sample the state and the torque that acts: 2 n_a + 3 n_m rows of lanes */
     volatile int64_t now; /* the sample, for another thread that looks whether a controller returns */
-    volatile int32_t stop;     /* not zero: another thread asks to end before the next sample */
-    loop_controllers together; /* null, or in place of the controller of each robot */
+    volatile int32_t stop;             /* not zero: another thread asks to end before the next sample */
+    loop_controllers together;         /* null, or in place of the controller of each robot */
+    const loop_hysteresis *hysteresis; /* null, or in place of the plant */
+    int32_t n_z;                       /* gears with a torque z in the state: all or none */
 } loop_robots;
+
+#define LOOP_MOST_SHARE 1.01 /* of |z/W|, which is at most 1 where the steps are short enough */
+
+/* Rows of the state. */
+static size_t loop_rows(const loop_robots *r)
+{
+    return 2 * ((size_t)r->n_a + (size_t)r->n_m) + (size_t)r->n_z;
+}
 
 /* Parts of the scratch memory. */
 typedef struct {
@@ -95,7 +119,7 @@ static loop_parts parts_of(const loop_robots *r)
     size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m;
     loop_parts p;
     p.stages = r->scratch;
-    p.acting = p.stages + 10 * ((size_t)r->n_a + n_m) * lanes;
+    p.acting = p.stages + 5 * loop_rows(r) * lanes;
     p.tau_g = p.acting + n_m * lanes;
     p.signals = p.tau_g + (size_t)r->n_g * lanes;
     p.f_tool = p.signals + (size_t)r->n_y * lanes;
@@ -150,10 +174,43 @@ static void loop_accelerations(
     }
 }
 
+/* The same rate of robots whose gears have hysteresis, one after the other. */
+static void loop_hysteretic(const loop_robots *r, const loop_parts *p, int push, const double *x, double *dx)
+{
+    const loop_hysteresis *h = r->hysteresis;
+    size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m, n = loop_rows(r);
+    const double *tau = r->disturbed ? p->acting : r->torque;
+    double *at = h->point, *torque = at + n, *force = torque + n_m, *rate = force + LOOP_TOOL;
+    for (size_t lane = 0; lane < lanes; ++lane) {
+        for (size_t i = 0; i < n; ++i) {
+            at[i] = x[i * lanes + lane];
+        }
+        for (size_t j = 0; j < n_m; ++j) {
+            torque[j] = tau[j * lanes + lane];
+        }
+        for (size_t j = 0; push && j < LOOP_TOOL; ++j) {
+            force[j] = p->f_tool[j * lanes + lane];
+        }
+        h->arg[0] = at;
+        h->arg[1] = torque;
+        h->arg[2] = h->numbers + (size_t)h->n_numbers * lane;
+        h->arg[3] = push ? force : NULL; /* null: zero */
+        h->res[0] = rate;
+        (void)h->rate(h->arg, h->res, h->iw, h->w, 0);
+        for (size_t i = 0; i < n; ++i) {
+            dx[i * lanes + lane] = rate[i];
+        }
+    }
+}
+
 /* Rate of the state x under the torques that act. */
 static void loop_rate(const loop_robots *r, const loop_parts *p, int push, const double *x, double *dx)
 {
     size_t arm = (size_t)r->n_a * (size_t)r->lanes, motors = (size_t)r->n_m * (size_t)r->lanes;
+    if (r->hysteresis) {
+        loop_hysteretic(r, p, push, x, dx);
+        return;
+    }
     memcpy(dx, x + arm, arm * sizeof *dx);
     memcpy(dx + 2 * arm, x + 2 * arm + motors, motors * sizeof *dx);
     loop_accelerations(r, p, push, x, dx + arm, dx + 2 * arm + motors);
@@ -177,7 +234,7 @@ static int loop_disturb(const loop_robots *r, const loop_parts *p, size_t step)
 /* One step of the classical Runge-Kutta method. */
 static void loop_step(const loop_robots *r, const loop_parts *p, int push, double h)
 {
-    size_t n = 2 * ((size_t)r->n_a + (size_t)r->n_m) * (size_t)r->lanes;
+    size_t n = loop_rows(r) * (size_t)r->lanes;
     double *x = r->state, *k1 = p->stages, *k2 = k1 + n, *k3 = k2 + n, *k4 = k3 + n, *at = k4 + n;
     loop_rate(r, p, push, x, k1);
     for (size_t i = 0; i < n; ++i) {
@@ -201,9 +258,9 @@ static void loop_step(const loop_robots *r, const loop_parts *p, int push, doubl
 static void loop_signals(const loop_robots *r, const loop_parts *p, int push)
 {
     size_t arm = (size_t)r->n_a * (size_t)r->lanes;
-    double *a_a = p->stages, *a_m = a_a + arm;
-    loop_accelerations(r, p, push, r->state, a_a, a_m);
-    (void)((loop_sensors)r->sensors)(r->lanes, r->state, r->state + arm, a_a, p->signals, r->plant_work);
+    double *dx = p->stages;
+    loop_rate(r, p, push, r->state, dx);
+    (void)((loop_sensors)r->sensors)(r->lanes, r->state, r->state + arm, dx + arm, p->signals, r->plant_work);
 }
 
 /* What the channels of one robot show at sample k. */
@@ -233,15 +290,21 @@ static void loop_measure(const loop_robots *r, const loop_parts *p, int lane, in
     }
 }
 
-static int loop_finite(const loop_robots *r, int lane)
+/* LOOP_DONE, or why the state of a robot is wrong. */
+static int32_t loop_state_status(const loop_robots *r, int lane)
 {
-    int rows = 2 * (r->n_a + r->n_m);
-    for (int i = 0; i < rows; ++i) {
-        if (!isfinite(r->state[(size_t)i * (size_t)r->lanes + (size_t)lane])) {
-            return 0;
+    size_t rows = loop_rows(r);
+    int32_t status = LOOP_DONE;
+    for (size_t i = 0; i < rows; ++i) {
+        double x = r->state[i * (size_t)r->lanes + (size_t)lane];
+        if (!isfinite(x)) {
+            return LOOP_NOT_FINITE;
+        }
+        if (i + (size_t)r->n_z >= rows && fabs(x) > LOOP_MOST_SHARE) {
+            status = LOOP_STEP_TOO_LONG;
         }
     }
-    return 1;
+    return status;
 }
 
 /* Torques u (lanes, n_m) that the controllers ask for; zero of a robot that has stopped. */
@@ -293,11 +356,11 @@ static void loop_sample(
 {
     size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m;
     for (int lane = 0; lane < r->lanes; ++lane) {
-        if (r->status[lane] == LOOP_DONE && !loop_finite(r, lane)) {
-            r->status[lane] = LOOP_NOT_FINITE;
+        if (r->status[lane] == LOOP_DONE) {
+            r->status[lane] = loop_state_status(r, lane);
         }
-        if (r->status[lane] == LOOP_NOT_FINITE) { /* at rest at zero, so that the batch stays finite */
-            for (size_t i = 0; i < 2 * ((size_t)r->n_a + n_m); ++i) {
+        if (r->status[lane] == LOOP_NOT_FINITE || r->status[lane] == LOOP_STEP_TOO_LONG) {
+            for (size_t i = 0; i < loop_rows(r); ++i) { /* at rest at zero, so that the batch stays finite */
                 r->state[i * lanes + (size_t)lane] = 0.0;
             }
         }

@@ -24,17 +24,21 @@ from flexgen.counts import count_of
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import loop_module
 from flexgen.loop.hardware import DriveHardware, SensorChannels
+from flexgen.loop.hysteresis import HystereticRobots
 from flexgen.loop.interface import INTERRUPTED, Controller, Setup
+from flexgen.loop.robots_in_c import ARRAYS, Robots, seeds_of
 from flexgen.model.elements import RobotModel
 from flexgen.runtime.library import Library
 
-STATUSES = ("done", "not finite", "controller failed")
+STATUSES = ("done", "not finite", "controller failed", "the sample time is too long for the hysteresis of the gears")
 STEP_TIMES_RATE, LARGEST_STEP_TIMES_RATE = 1.0, 2.5  # of the Runge-Kutta method; stable below 2.78
 MOST_STEPS = 1000  # a sample
 MOST_DELAY = 64  # samples
 TOOL = 6  # entries of a force and a torque on the tool
 POLL_S, LONGEST_STEP_S = 0.05, 5.0  # of a plug-in
 DELAY_ERROR = 1e-3  # of the sample time: largest difference between a delay and whole steps
+
+_CHANGING = ("state", "torque", "pending", "shown", "memory", "random")
 
 
 @dataclass(frozen=True)
@@ -79,9 +83,9 @@ class ClosedLoop:
         Of the noise.
     steps : int, optional
         Integration steps in a sample; default: from ``rate``.
-    parameters : array (n_p,) or (lanes, n_p), optional
+    parameters : array (n_p,) or (lanes, n_p), or HystereticRobots, optional
         Run-time parameters, where the library has any: for all robots, or for each where the library was made so;
-        default: those of the model file.
+        default: those of the model file. Or robots whose gears have hysteresis, and a library without it.
     sensors : SensorChannels, optional
         The robot's sensors are measured too; the library has ``sensors``.
     delay_samples : int or array (lanes,)
@@ -111,7 +115,7 @@ class ClosedLoop:
         *,
         seed: int = 0,
         steps: int | None = None,
-        parameters: np.ndarray | None = None,
+        parameters: np.ndarray | HystereticRobots | None = None,
         sensors: SensorChannels | None = None,
         delay_samples: int | np.ndarray = 0,
         arm_reference: bool = False,
@@ -147,7 +151,9 @@ class ClosedLoop:
         n_y = n_m + len(self.channels.noise) + self.states
         self.setup = Setup(q_m, hardware.sample_s, n_a, n_y, n_y + n_m + ((n_m + 2 * n_a) if arm_reference else 0))
         self._controller = controller.compiled(self.setup)
-        self._arrays = self._memory(q_a, self._parameters(library, parameters), seed, late)
+        self._gears = parameters if isinstance(parameters, HystereticRobots) else None
+        numbers = None if isinstance(parameters, HystereticRobots) else parameters
+        self._arrays = self._memory(q_a, self._parameters(library, numbers), seed, late)
         self._arrays["gain"][:] = 1.0 if gain is None else gain
         self._library = library  # it must live as long as the addresses of its functions
         self._module = loop_module()
@@ -182,8 +188,8 @@ class ClosedLoop:
         delays = np.concatenate([np.zeros(n_m), channels.delay_samples, exact]).astype(np.int32)
         if delays.max() > MOST_DELAY:
             raise ArgumentError(f"sensors, delay_samples: given {delays.max()}, expected at most {MOST_DELAY}")
-        n = n_a + n_m
-        rows = 10 * n + n_m + len(model.i_g) + n_y + TOOL
+        n, n_z = n_a + n_m, 0 if self._gears is None else model.n_g
+        rows = 10 * n + 5 * n_z + n_m + len(model.i_g) + n_y + TOOL
         return {
             "parameters": parameters,
             "memory": self._controller.memory,
@@ -194,18 +200,18 @@ class ClosedLoop:
             "gain": np.ones(lanes),
             "torque_noise": np.full(n_m, hardware.torque_noise_Nm),
             "torque_max": most,
-            "state": np.vstack([q_a.T, np.zeros((n_a, lanes)), self.setup.q_m.T, np.zeros((n_m, lanes))]).copy(),
+            "state": np.vstack([q_a.T, np.zeros((n_a, lanes)), self.setup.q_m.T, np.zeros((n_m + n_z, lanes))]).copy(),
             "torque": np.zeros((n_m, lanes)),
             "delay": late,
             "pending": np.zeros((int(late.max()) + 1, n_m, lanes)),
             "shown": np.zeros((int(delays.max()) + 1, n_y, lanes)),
             "scratch": np.zeros((rows, lanes)),
-            "random": _seeds(seed, lanes),
+            "random": seeds_of(seed, lanes),
             "status": np.zeros(lanes, np.int32),
             "saturated": np.zeros(lanes, np.int64),
         }
 
-    def _structure(self, library: Library, delay: int) -> _Robots:
+    def _structure(self, library: Library, delay: int) -> Robots:
         names = ["forward_dynamics", "forward_dynamics_tool_force", "sensors"]
         entries: list[int | None] = []
         work = np.zeros(1)
@@ -225,8 +231,8 @@ class ClosedLoop:
         at = {name: array.ctypes.data for name, array in self._arrays.items()}
         if not library.parameter_names:
             at["parameters"] = 0
-        kept = {name: at[name] or None for name in _ARRAYS}
-        return _Robots(
+        kept = {name: at[name] or None for name in ARRAYS}
+        made = Robots(
             lanes=self.lanes, n_a=self.model.n_a, n_m=self.model.n_m, n_g=len(self.model.i_g), n_y=self.setup.n_y,
             n_ref=self.setup.n_ref, states=self.states, steps=self.steps, delay_steps=delay,
             slots=len(self._arrays["pending"]), history=len(self._arrays["shown"]) - 1, disturbed=0,
@@ -236,6 +242,10 @@ class ClosedLoop:
             controller=self._controller.address, memory_size=self._controller.memory.shape[1],
             together=self._controller.together or None, **kept,
         )  # fmt: skip
+        if self._gears is not None:
+            made.n_z, (self._rates, self._rate_memory) = self.model.n_g, self._gears.in_loop(self.lanes)
+            made.hysteresis = ctypes.addressof(self._rates)
+        return made
 
     def hold(self, tau_m: np.ndarray) -> None:
         """The torque (lanes, n_m) that acts before the first sample."""
@@ -245,8 +255,8 @@ class ClosedLoop:
     @property
     def state(self) -> tuple[np.ndarray, ...]:
         """``q_a, v_a, q_m, v_m`` now, (lanes, n) each."""
-        n_a, n_m = self.model.n_a, self.model.n_m
-        return tuple(x.T.copy() for x in np.split(self._arrays["state"], [n_a, 2 * n_a, 2 * n_a + n_m]))
+        ends = np.cumsum([self.model.n_a, self.model.n_a, self.model.n_m, self.model.n_m])
+        return tuple(x.T.copy() for x in np.split(self._arrays["state"], ends)[:4])
 
     def snapshot(self) -> Snapshot:
         """All that changes in a run, for `restore`."""
@@ -392,50 +402,3 @@ def integration_steps(hardware: DriveHardware, rate: float) -> int:
     part = hardware.delay_s / hardware.sample_s
     errors = {n: abs(round(part * n) / n - part) for n in range(least, least + 64)}
     return next((n for n, error in errors.items() if error < DELAY_ERROR / 10), min(errors, key=errors.__getitem__))
-
-
-_ARRAYS = (
-    "parameters memory resolution noise bias late gain delay torque_noise torque_max state torque pending shown "
-    "scratch random status saturated"
-).split()
-_CHANGING = ("state", "torque", "pending", "shown", "memory", "random")
-
-
-class _Robots(ctypes.Structure):
-    """``loop_robots`` of closed_loop.c."""
-
-    _fields_ = [
-        *[
-            (name, ctypes.c_int32)
-            for name in ("lanes n_a n_m n_g n_y n_ref states steps delay_steps slots history disturbed".split())
-        ],
-        ("sample_s", ctypes.c_double),
-        *[
-            (name, ctypes.c_void_p)
-            for name in "plant one pushed sensors parameters one_work plant_work controller memory".split()
-        ],
-        ("memory_size", ctypes.c_int64),
-        *[
-            (name, ctypes.c_void_p)
-            for name in (
-                "resolution noise bias delay late gain torque_noise torque_max disturbances pushing state torque "
-                "pending shown scratch random status saturated record".split()
-            )
-        ],
-        ("now", ctypes.c_int64),
-        ("stop", ctypes.c_int32),
-        ("together", ctypes.c_void_p),
-    ]
-
-
-def _seeds(seed: int, lanes: int) -> np.ndarray:
-    """Start of the random numbers of each robot, (lanes, 4): SplitMix64 of the seed and the robot."""
-    out = np.empty((lanes, 4), np.uint64)
-    mask, x = 2**64 - 1, (seed * 0x9E3779B97F4A7C15 + 0x2545F4914F6CDD1D) & (2**64 - 1)
-    for lane in range(lanes):
-        for k in range(4):
-            x = (x + 0x9E3779B97F4A7C15) & mask
-            z = ((x ^ (x >> 30)) * 0xBF58476D1CE4E5B9) & mask
-            z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
-            out[lane, k] = z ^ (z >> 31)
-    return out

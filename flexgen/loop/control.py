@@ -8,7 +8,7 @@ proportion to time along the path. The dynamic part is the rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from time import perf_counter
 from typing import Any
@@ -24,6 +24,7 @@ from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Linear
 from flexgen.loop.disturbances import Disturbance, disturbance_table
 from flexgen.loop.hardware import DriveHardware, SensorChannels
+from flexgen.loop.hysteresis import HystereticRobots, hysteretic_robots, largest_rate, split_plants
 from flexgen.loop.interface import Controller
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.model_law import ModelLaw
@@ -32,8 +33,8 @@ from flexgen.loop.plants import NOMINAL, LocalDynamics, Plants, plants_of
 from flexgen.loop.reference import MotionReference, motion_reference, time_grid
 from flexgen.loop.result import ControlRun, PlantRun, output_errors
 from flexgen.mechanics.equations import Equations, derive, robot_of
+from flexgen.mechanics.hysteresis import without_hysteresis
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import refuse_hysteresis
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
 from flexgen.spec.arguments import check_not_negative, is_number, mapping_of, seed_of
@@ -49,7 +50,10 @@ TOOL_FORCE = "forward_dynamics_tool_force"
 
 @dataclass(frozen=True)
 class Case:
-    """Parts of a closed loop, ready to run with any controller."""
+    """Parts of a closed loop, ready to run with any controller.
+
+    ``plants``, ``library``, ``equations``: of the springs and dampers; ``gears``: the robots with their hysteresis.
+    """
 
     model: RobotModel
     solution: Solution
@@ -64,6 +68,7 @@ class Case:
     seed: int
     equations: Equations
     exact_state: bool = False
+    gears: HystereticRobots | None = None
 
     @property
     def sample_time(self) -> float:
@@ -77,9 +82,10 @@ class Case:
 
     def law_motion(self) -> LawMotion:
         """The planned motion for laws that evaluate the model."""
+        eq = self.equations
         return LawMotion(
-            self.model, self.equations, self.solution.trajectory, self.reference, self.sample_time, self.delay,
-            self.exact_state, self.rate,
+            eq.model, eq, self.solution.trajectory, self.reference, self.sample_time, self.delay, self.exact_state,
+            self.rate,
         )  # fmt: skip
 
 
@@ -167,7 +173,7 @@ def case_controller(case: Case, controller: Any) -> tuple[Controller, str]:
     """The controller for a case from what `control` takes, and its name."""
     samples = -(-len(case.reference.time) // PARTS)
     parts = case.reference.parts(samples)
-    chosen, name = controller_of(controller, case.model, case.sample_time, case.delay, parts, samples)
+    chosen, name = controller_of(controller, case.equations.model, case.sample_time, case.delay, parts, samples)
     if isinstance(chosen, ModelLaw):
         return chosen.bound(case.law_motion()), chosen.title
     if case.exact_state and isinstance(chosen, Linear):
@@ -212,20 +218,20 @@ def control_case(
     if solution is None:
         tell("solving the move")
         solution = solve(robot, move, progress=progress)
-    chosen = plants_of(robot, {NOMINAL: {}, **changed})
+    chosen, laws = split_plants(robot, plants_of(robot, {NOMINAL: {}, **changed}))
     of_lane = _of_lanes(disturbances, chosen.names)
     names = tuple(p.name for p in chosen.parameters)
     forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
-    refuse_hysteresis(robot, "control")
+    elastic = without_hysteresis(robot)
     functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *(["sensors"] if robot.sensors else [])]
-    library = library_with(robot, functions, parameters=names, per_point=bool(names), progress=progress)
-    nominal = derive(robot)
+    library = library_with(elastic, functions, parameters=names, per_point=bool(names), progress=progress)
+    nominal = derive(elastic)
     path = Path(nominal, solution.move)
     trajectory = solution.trajectory
     span = float(trajectory.time[0]), float(trajectory.time[-1])
     time = time_grid(*span, sample_time, HOLD_S, AFTER_S)
     reference = motion_reference(trajectory, path, sample_time, delay, library, time)
-    local = LocalDynamics(derive(robot, names))
+    local = LocalDynamics(derive(elastic, names))
     start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
     rests = tuple(local.rest(start, values, at) for values in chosen.values)
     limits = tuple(m.torque_max or 0.0 for m in robot.motors) if torque_limits else ()
@@ -235,10 +241,15 @@ def control_case(
         sample_time, rest if rest > 1e-9 * sample_time else 0.0, encoder_resolution, encoder_noise, 0.0, limits
     )
     points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
-    rate = max(local.largest_rate(points, values) for values in chosen.values)
-    return Case(
+    rate, gears = max(local.largest_rate(points, values) for values in chosen.values), None
+    if laws:
+        pairs = zip(chosen.values, laws, strict=True)
+        rate = max(largest_rate(local, points, reference.motion, values, law) for values, law in pairs)
+        gears = hysteretic_robots(local.equations.pushed if forced else local.equations, chosen.values, laws, tell)
+    case = Case(
         robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal, exact_state
     )
+    return replace(case, gears=gears)
 
 
 def run_case(
@@ -256,7 +267,7 @@ def run_case(
     q_m = np.tile(reference.motion["q_m"][0], (lanes, 1))
     loop = ClosedLoop(
         robot, case.library, case.hardware, controller, q_a, q_m, case.rate, seed=case.seed, steps=steps,
-        parameters=case.plants.values if case.plants.parameters else None,
+        parameters=case.gears or (case.plants.values if case.plants.parameters else None),
         sensors=_channels(robot, case.hardware.sample_s) if robot.sensors else None,
         delay_samples=case.delay_samples, arm_reference=True, exact_state=case.exact_state,
     )  # fmt: skip

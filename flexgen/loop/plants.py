@@ -6,6 +6,7 @@ A change is a factor on a number of the model (``q2.stiffness``), or on all numb
 stiffness   stiffnesses of all springs (not break positions and gaps)
 damping     of all gears and springs
 friction    all friction torques (not speeds of friction laws)
+lost_motion of all gears with hysteresis; 0: none
 payload     mass [kg] that is added to the payload, at its center of mass; without one in the model at the tool
 =========== =========================================================================================
 """
@@ -30,7 +31,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.spec.arguments import check_not_negative, check_positive, is_number, mapping_of
 
 NOMINAL = "nominal"
-KINDS = ("stiffness", "damping", "friction", "payload")
+KINDS = ("stiffness", "damping", "friction", "lost_motion", "payload")
 LARGEST_FACTOR, LARGEST_LOAD = 100.0, 1e5  # kg
 NEWTON_STEPS, CLOSE = 50, 1e-12
 FORCES = ("N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "N m/rad^3", "N/m^3")
@@ -97,7 +98,7 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
         if not known:
             raise ArgumentError(f"{what}: the model {model.name} has no number of this kind")
         for parameter in known:
-            if key not in KINDS or parameter.unit in FORCES:
+            if key not in KINDS or key == "lost_motion" or parameter.unit in FORCES:
                 out[parameter.name] = parameter.value * given
     return out
 

@@ -12,6 +12,7 @@ m1.viscous, ...      a single number of a friction law, also one that is zero in
 m1.inertia           inertia of a rotor; only by its own name
 m1.cogging_cos_6 ..  a coefficient of a Fourier sum of a motor angle; only by its own name; of a joint ``q1``:
                      ``q1.transmission_error_sin_2``; also ``m1.torque_ripple_cos_6``
+q1.lost_motion       of a gear with hysteresis; ``lost_motion``: of all; ``q1.hysteresis_stiffness`` by its own name
 arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body; only by their own names
 ==================== ==============================================================================================
 
@@ -210,7 +211,15 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
     damping = _damping(gear.damping, name, part, units, key, visit)
     # (in units of the joint, whatever the side of the spring)
     error = _fourier_sum(gear.transmission_error, f"{name}.transmission_error", joint("rad"), key, visit)
-    return replace(gear, spring=spring, damping=damping, transmission_error=error)
+    hysteresis = gear.hysteresis
+    if hysteresis is not None:
+        at, own = f"{key}.hysteresis", f"hysteresis of {part}"
+        lost = Parameter(f"{name}.lost_motion", hysteresis.lost_motion, joint("rad"), own, f"{at}.lost_motion")
+        stiff = Parameter(
+            f"{name}.hysteresis_stiffness", hysteresis.stiffness, units("N m/rad"), own, f"{at}.stiffness"
+        )
+        hysteresis = replace(hysteresis, lost_motion=visit(lost, "lost_motion"), stiffness=visit(stiff))
+    return replace(gear, spring=spring, damping=damping, transmission_error=error, hysteresis=hysteresis)
 
 
 def _damping(value: float, name: str, part: str, units: Units, key: str, visit: Visit) -> Any:

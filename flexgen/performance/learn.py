@@ -44,6 +44,7 @@ from flexgen.loop.reference import motion_reference, time_grid, trajectory_of
 from flexgen.loop.result import ControlRun, output_errors
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.friction import refuse_hysteresis
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.performance.smoother import PathSmoother, acting
@@ -256,6 +257,7 @@ def learn(
     if measured_by not in MEASURED_BY:
         raise ArgumentError(f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}")
     name = "robot"
+    refuse_hysteresis(robot_of(model), "learn")
     channels = _accelerometers(robot_of(model), encoder_noise) if measured_by == ACCELEROMETER else None
     case = control_case(
         model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
