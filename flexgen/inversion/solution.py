@@ -12,7 +12,7 @@ from flexgen.display import Figure, both_measured, figure_rows, format_size
 from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.limits import KEPT, Limits, limits_of_model
 from flexgen.mechanics.output_columns import columns_in, unit_of
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
@@ -203,14 +203,22 @@ class Solution(Result):
         """
         from flexgen.paths.accuracy import path_accuracy
 
-        if self.simulation is None or "error" not in self.simulation.trajectory:
+        if self.simulation is None or self._unverified:
             raise ArgumentError("accuracy: given a solution without verification, expected one with verify=True")
         run, wanted, unit = self.simulation.trajectory, self.trajectory, unit_of(self.model)
         columns = columns_in(self.model, unit)
         y = np.column_stack([np.interp(run.time, wanted.time, x) for x in wanted["y_ref"].T[columns]])
         attained = (y + run["error"][:, columns])[None]
         named: dict[str, Any] = {"robots": (self.model.name,), "unit": unit, "band": band}
+        if "R_ref" in wanted:
+            R_ref = np.column_stack([np.interp(run.time, wanted.time, x) for x in wanted["R_ref"].T])
+            R = evaluate(derive(self.model).function("forward_kinematics"), run["q_a"])[1]
+            named["orientations"] = R_ref.reshape(-1, 3, 3), R[None]
         return path_accuracy(run.time, y, attained, self.move.duration, **named)
+
+    @property
+    def _unverified(self) -> bool:
+        return self.simulation is None or "error" not in self.simulation.trajectory
 
     def _rows(self) -> list[tuple[str, str]]:
         return figure_rows(self.figures())
@@ -278,6 +286,7 @@ class Solution(Result):
             "move": self.move.name,
             **{figure.key: figure.value for figure in self.figures()},
             "stopped": self.stopped,
+            "accuracy": None if self._unverified else self.accuracy().to_dict(),
             "details": dict(self.details),
             "warnings": list(self.warnings),
             "hold": None if command is None else command.hold,

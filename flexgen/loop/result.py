@@ -15,7 +15,7 @@ from flexgen.loop.interface import Controller
 from flexgen.loop.margins import LoopAtPose, Margins, loops_at
 from flexgen.loop.plants import NOMINAL
 from flexgen.loop.reference import MotionReference
-from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import columns_in, output_labels, output_units, turn_angle, unit_of
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -257,6 +257,10 @@ class ControlRun(Result):
         columns, y = columns_in(self.model, self.unit), self.reference.y_ref
         attained = np.array([(y + run.error)[:, columns] for run in chosen])
         named: dict[str, Any] = {"robots": tuple(run.name for run in chosen), "unit": self.unit, "band": band}
+        if self.reference.R_ref is not None:
+            forward = derive(self.model).function("forward_kinematics")
+            turned = np.array([evaluate(forward, run.q_a)[1] for run in chosen])
+            named["orientations"] = self.reference.R_ref.reshape(-1, 3, 3), turned
         return path_accuracy(self.reference.time, y[:, columns], attained, self.reference.path_end, **named)
 
     def trajectory(self, name: str = NOMINAL) -> Trajectory:
@@ -321,6 +325,7 @@ class ControlRun(Result):
             "wall_s": self.wall_s,
             "status": self.status,
             "plants": [{k: _replace_nan(v) for k, v in self.figures(run).items()} for run in self.runs],
+            "accuracy": None if all(run.failure for run in self.runs) else self.accuracy().to_dict(),
         }
 
 

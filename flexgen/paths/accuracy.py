@@ -7,6 +7,11 @@ robot j where it passes the plane normal to the path at its point k, and |.| ove
     AP = |mean_j e_j|,           RP = mean_j l_j + 3 s        of the last positions, e_j from the end of the path
     AV = mean_j v_j/v_c - 1,     RV = 3 s_v/v_c,     FV = max_j (max (v - v_c) - min (v - v_c))    of the speeds
 
+Orientations: with the rotation vector a_jk from the command at point k to robot j there, world axes, whose components
+are the angles a, b, c about x, y, z, and S_k the deviation of each
+
+    AT_abc = max_k |mean_j a_jk|,   RT_abc = max_k 3 S_k,       AP_abc = mean_j a_j,   RP_abc = 3 S     at the end
+
 Source: ISO 9283:1998, Manipulating industrial robots - Performance criteria and related test methods, sections 7 and 8.
 """
 
@@ -16,6 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from flexgen.counts import show_value
 from flexgen.display import Figure, figure_rows
@@ -27,6 +33,7 @@ from flexgen.type_checks import checked_result
 BAND = 1e-4  # m or rad
 MOVING, CRUISING = 0.05, 0.95  # of the largest commanded speed
 ITERATIONS = 8
+Angles = tuple[float, float, float]  # about the world axes x, y, z [rad]
 
 
 @checked_result
@@ -41,7 +48,7 @@ class PathAccuracy(Result):
     ----------
     robots : tuple of str
     unit : str
-        ``"m"``, or ``"rad"`` where the output has no lengths; positions only, not the orientation of a pose.
+        ``"m"``, or ``"rad"`` where the output has no lengths.
     band : float [unit]
         Half width of the band of the settling times.
     path_accuracy, path_repeatability : float or None [unit]
@@ -59,6 +66,14 @@ class PathAccuracy(Result):
     overshoots : tuple of float [unit]
         Largest distance of each robot from its last position after the path, once it has entered the band; zero where
         it stays there.
+    stabilizations_s : tuple of (float or None) [s]
+        From the first instant in the band after the path until each robot stays within it; None without settling time.
+    drifts : tuple of (float or None) [unit]
+        Largest distance of each robot from its last position in the later half of the time after the path.
+    orientation_path_accuracy, orientation_path_repeatability : tuple (3) of float, or None [rad]
+        AT and RT of the angles about the world axes x, y, z, where the output is a pose.
+    orientation_accuracy, orientation_repeatability : tuple (3) of float, or None [rad]
+        AP, with its signs, and RP of these angles at the end of the simulation.
 
     Examples
     --------
@@ -81,6 +96,12 @@ class PathAccuracy(Result):
     path_errors: tuple[float | None, ...]
     settling_s: tuple[float | None, ...]
     overshoots: tuple[float, ...]
+    stabilizations_s: tuple[float | None, ...]
+    drifts: tuple[float | None, ...]
+    orientation_path_accuracy: Angles | None = None
+    orientation_path_repeatability: Angles | None = None
+    orientation_accuracy: Angles | None = None
+    orientation_repeatability: Angles | None = None
 
     def __repr__(self) -> str:
         shown = "; ".join(f"{label} {text}" for label, text in self.rows()[:2])
@@ -90,9 +111,8 @@ class PathAccuracy(Result):
         return [*self.rows(), *((name, ", ".join(row)) for name, *row in self.robot_rows())]
 
     def figures(self) -> tuple[Figure, ...]:
-        """The figures of all robots together; settling time and overshoot: the largest."""
-        u, settled = self.unit, self.settling_s
-        longest = None if None in settled else max((x for x in settled if x is not None), default=None)
+        """The figures of all robots together; those of each robot, and angles: the largest."""
+        u = self.unit
         return (
             Figure("path accuracy AT", self.path_accuracy, u, f"path_accuracy_{u}"),
             Figure("path repeatability RT", self.path_repeatability, u, f"path_repeatability_{u}"),
@@ -101,42 +121,70 @@ class PathAccuracy(Result):
             Figure("speed accuracy AV", self.speed_accuracy, "relative", "speed_accuracy"),
             Figure("speed repeatability RV", self.speed_repeatability, "relative", "speed_repeatability"),
             Figure("speed fluctuation FV", self.speed_fluctuation, f"{u}/s", f"speed_fluctuation_{u}_s"),
-            Figure(f"settling time into {1e3 * self.band:g} m{u}, longest", longest, "s", "settling_s"),
+            Figure(
+                f"settling time into {1e3 * self.band:g} m{u}, longest", _largest(self.settling_s), "s", "settling_s"
+            ),
             Figure("overshoot after the path, largest", max(self.overshoots), u, f"overshoot_{u}"),
+            Figure("stabilization time, longest", _largest(self.stabilizations_s), "s", "stabilization_s"),
+            Figure("drift at rest, largest", _largest(self.drifts), u, f"drift_{u}"),
+            *(
+                Figure(f"{label}, largest", _largest(angles and tuple(map(abs, angles))), "rad", f"{key}_max_rad")
+                for label, key, angles in self._orientation()
+            ),
         )
+
+    def _orientation(self) -> list[tuple[str, str, Angles | None]]:
+        """Labels, keys and values of the figures of the orientation."""
+        keys = {
+            "path accuracy of angles AT_a, AT_b, AT_c": "orientation_path_accuracy",
+            "path repeatability of angles RT_a, RT_b, RT_c": "orientation_path_repeatability",
+            "angles AP_a, AP_b, AP_c at the end": "orientation_accuracy",
+            "repeatability of angles RP_a, RP_b, RP_c at the end": "orientation_repeatability",
+        }
+        return [(label, key, getattr(self, key)) for label, key in keys.items()]
 
     def rows(self) -> list[tuple[str, str]]:
         """Labels and values with units of the figures that are known, for tables."""
         return figure_rows(self.figures())
 
     @property
-    def robot_columns(self) -> tuple[str, str, str, str]:
+    def robot_columns(self) -> tuple[str, ...]:
         """Headings of `robot_rows`."""
         u = self.unit
-        return ("robot", f"from the path, m{u}", f"settled into {1e3 * self.band:g} m{u} after, s", f"overshoot, m{u}")
+        settled = f"settled into {1e3 * self.band:g} m{u} after, s"
+        return ("robot", f"from the path, m{u}", settled, f"overshoot, m{u}", "stabilization, s", f"drift, m{u}")
 
-    def robot_rows(self) -> list[tuple[str, str, str, str]]:
+    def robot_rows(self) -> list[tuple[str, ...]]:
         """The figures of each robot as texts."""
-        each = zip(self.robots, self.path_errors, self.settling_s, self.overshoots, strict=True)
+
+        def text(value: float | None, factor: float = 1e3, otherwise: str = "-") -> str:
+            return otherwise if value is None else f"{factor * value:.4g}"
+
         return [
-            (
-                name,
-                "-" if error is None else f"{1e3 * error:.4g}",
-                "not settled" if settled is None else f"{settled:.4g}",
-                f"{1e3 * over:.4g}",
-            )
-            for name, error, settled, over in each
+            (name, text(error), text(settled, 1.0, "not settled"), text(over), text(stable, 1.0), text(drift))
+            for name, error, settled, over, stable, drift in self._each()
         ]
 
+    def _each(self) -> list[tuple[Any, ...]]:
+        rows = (self.path_errors, self.settling_s, self.overshoots, self.stabilizations_s, self.drifts)
+        return list(zip(self.robots, *rows, strict=True))
+
     def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units, and those of each robot."""
-        u, each = self.unit, zip(self.robots, self.path_errors, self.settling_s, self.overshoots, strict=True)
-        keys = ("robot", f"path_error_{u}", "settling_s", f"overshoot_{u}")
+        """The figures as JSON types, SI units, the angles about x, y, z, and the figures of each robot."""
+        u = self.unit
+        keys = ("robot", f"path_error_{u}", "settling_s", f"overshoot_{u}", "stabilization_s", f"drift_{u}")
         return {
             f"band_{u}": self.band,
             **{figure.key: figure.value for figure in self.figures()},
-            "robots": [dict(zip(keys, row, strict=True)) for row in each],
+            **{f"{key}_rad": angles and list(angles) for _, key, angles in self._orientation()},
+            "robots": [dict(zip(keys, row, strict=True)) for row in self._each()],
         }
+
+
+def _largest(values: tuple[float | None, ...] | None) -> float | None:
+    """The largest; None where one is not known."""
+    known = [x for x in values or () if x is not None]
+    return max(known) if known and len(known) == len(values or ()) else None
 
 
 def path_accuracy(
@@ -148,8 +196,9 @@ def path_accuracy(
     robots: tuple[str, ...],
     unit: str = "m",
     band: float = BAND,
+    orientations: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> PathAccuracy:
-    """Accuracy and repeatability of attained positions.
+    """Accuracy and repeatability of attained positions, and of orientations where they are given.
 
     Parameters
     ----------
@@ -166,6 +215,8 @@ def path_accuracy(
         ``"m"`` or ``"rad"``.
     band : float [unit]
         Half width of the band of the settling times.
+    orientations : tuple of array (n, 3, 3), array (robots, n, 3, 3), optional
+        Commanded ones, and those of the robots: matrices from the axes of the tool to those of the world.
 
     Raises
     ------
@@ -180,10 +231,17 @@ def path_accuracy(
     at: float | None = None
     rt: float | None = None
     errors: tuple[float | None, ...] = (None,) * len(robots)
+    angles: dict[str, Any] = {}
+    passing: list[np.ndarray] = []
     if moving.any():
-        d = np.array([_offsets(time, reference, commanded, moving, p) for p in attained])
+        passing = [_passing(time, reference, commanded, moving, p) for p in attained]
+        d = np.array(
+            [_offsets(time, reference, commanded, moving, *each) for each in zip(attained, passing, strict=True)]
+        )
         at, rt = _accuracy_and_repeatability(d)
         errors = tuple(float(x) for x in np.linalg.norm(d, axis=2).max(axis=1))
+    if orientations is not None:
+        angles = _orientation_figures(time, *orientations, moving, passing)
     ap, rp = _accuracy_and_repeatability(attained[:, -1:] - reference[-1:])
     settled = [_settle(time, p, path_end, band) for p in attained]
     return PathAccuracy(
@@ -196,25 +254,62 @@ def path_accuracy(
         rp,
         *_speed_figures(time, speed, attained, moving & (speed >= CRUISING * speed.max())),
         errors,
-        tuple(x for x, _ in settled),
-        tuple(x for _, x in settled),
+        *zip(*settled, strict=True),
+        **angles,
     )
 
 
-def _offsets(
+def _passing(
     time: np.ndarray, reference: np.ndarray, commanded: np.ndarray, moving: np.ndarray, p: np.ndarray
 ) -> np.ndarray:
-    """Offsets (points, k) where a robot passes the planes normal to the path at the samples that move.
+    """Times (points,) [s] at which a robot passes the planes normal to the path at the samples that move.
 
-    The time at which it passes is found by Newton's method with the commanded speed as slope.
+    Found by Newton's method with the commanded speed as slope.
     """
-    r, speed = reference[moving], np.linalg.norm(commanded[moving], axis=1)
+    speed = np.linalg.norm(commanded[moving], axis=1)
     tangent, t = commanded[moving] / speed[:, None], time[moving].copy()
-    e = p[moving] - r
+    e = p[moving] - reference[moving]
     for _ in range(ITERATIONS):
         t = np.clip(t - (e * tangent).sum(axis=1) / speed, time[0], time[-1])
-        e = np.column_stack([np.interp(t, time, x) for x in p.T]) - r
+        e = _between(t, time, p) - reference[moving]
+    return t
+
+
+def _offsets(
+    time: np.ndarray, reference: np.ndarray, commanded: np.ndarray, moving: np.ndarray, p: np.ndarray, t: np.ndarray
+) -> np.ndarray:
+    """Offsets (points, k) where a robot passes these planes at the times ``t``."""
+    tangent = commanded[moving] / np.linalg.norm(commanded[moving], axis=1)[:, None]
+    e = _between(t, time, p) - reference[moving]
     return np.asarray(e - (e * tangent).sum(axis=1)[:, None] * tangent)
+
+
+def _between(t: np.ndarray, time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Columns of x (n, k) at the times ``t``, (points, k)."""
+    return np.column_stack([np.interp(t, time, column) for column in x.T])
+
+
+def _orientation_figures(
+    time: np.ndarray, R_ref: np.ndarray, R: np.ndarray, moving: np.ndarray, passing: list[np.ndarray]
+) -> dict[str, Angles | None]:
+    """Figures of the angles about the world axes, on the planes that robots pass, and at the end."""
+
+    def angles(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
+        return np.asarray(Rotation.from_matrix(R @ R_ref.transpose(0, 2, 1)).as_rotvec())
+
+    def of(x: np.ndarray) -> Angles:
+        return float(x[0]), float(x[1]), float(x[2])
+
+    last, several = angles(R[:, -1], R_ref[-1:]), len(R) > 1
+    found: dict[str, Angles | None] = {"orientation_accuracy": of(last.mean(axis=0))}
+    found["orientation_repeatability"] = of(3.0 * last.std(axis=0, ddof=1)) if several else None
+    if passing:
+        each = zip(passing, R, strict=True)
+        on = np.array([angles(_between(t, time, x.reshape(-1, 9)).reshape(-1, 3, 3), R_ref[moving]) for t, x in each])
+        found["orientation_path_accuracy"] = of(np.abs(on.mean(axis=0)).max(axis=0))
+        if several:
+            found["orientation_path_repeatability"] = of(3.0 * on.std(axis=0, ddof=1).max(axis=0))
+    return found
 
 
 def _accuracy_and_repeatability(d: np.ndarray) -> tuple[float, float | None]:
@@ -239,16 +334,19 @@ def _speed_figures(
     return float(of_each.mean()) / v_c - 1.0, spread, float(np.ptp(v - commanded[cruise], axis=1).max())
 
 
-def _settle(time: np.ndarray, p: np.ndarray, path_end: float, band: float) -> tuple[float | None, float]:
-    """Settling time and overshoot of a robot after the path."""
+def _settle(
+    time: np.ndarray, p: np.ndarray, path_end: float, band: float
+) -> tuple[float | None, float, float | None, float | None]:
+    """Settling time, overshoot, stabilization time and drift of a robot after the path."""
     after = time >= path_end - 1e-9
     t, away = time[after], np.linalg.norm(p[after] - p[-1], axis=1)
     if not len(t):
-        return None, 0.0
+        return None, 0.0, None, None
     inside = away <= band
     last_outside = int(np.flatnonzero(~inside)[-1]) if not inside.all() else -1
-    late = last_outside >= 0 and t[last_outside] > 0.5 * (t[0] + t[-1])
+    middle, first = 0.5 * (t[0] + t[-1]), int(np.argmax(inside))
+    late = last_outside >= 0 and t[last_outside] > middle
     settled = 0.0 if last_outside < 0 else float(t[last_outside + 1] - path_end)
-    beyond = away[int(np.argmax(inside)) :]
-    largest = float(beyond.max())
-    return None if late else settled, largest if largest > band else 0.0
+    stable = None if late else float(t[last_outside + 1] - t[first])
+    largest, drift = float(away[first:].max()), float(away[t >= middle].max())
+    return None if late else settled, largest if largest > band else 0.0, stable, drift

@@ -112,7 +112,7 @@ def accuracy_tables(found: PathAccuracy) -> str:
     return (
         "<h2>Accuracy in the sense of ISO 9283</h2>\n"
         + html_table(("quantity", "value", "unit"), rows, (1,))
-        + (html_table(found.robot_columns, each, range(1, 4)) if each else "")
+        + (html_table(found.robot_columns, each, range(1, len(found.robot_columns))) if each else "")
     )
 
 

@@ -276,7 +276,9 @@ def loop_figures() -> dict[str, Any]:
     ]
     keys = (*control_page.KEYS, "static_error_end")
     figures = (2e-4, 3e-4, 1.5e-4, None, 0.01, 0.002, 0.03)
-    accuracy = PathAccuracy(("robot 0", "robot 2"), "m", 5e-5, *figures, (1e-4, None), (0.25, None), (0.0, 4e-4))
+    each = (1e-4, None), (0.25, None), (0.0, 4e-4), (0.125, None), (1e-6, 2e-6)
+    angles = (1e-4, 2e-4, 3e-4), (1e-5, 2e-5, 3e-5), (-3e-4, 1e-4, 0.0), None
+    accuracy = PathAccuracy(("robot 0", "robot 2"), "m", 5e-5, *figures, *each, *angles)
     return {
         "accuracy": lambda: accuracy,
         "status": "done",

@@ -79,13 +79,16 @@ def test_settling_and_overshoot_are_those_of_an_oscillator(damping: float, frequ
     first = TIME[(TIME >= END) & (distance <= band)][0]
     assert found.settling_s[0] == pytest.approx(outside[-1] - END, abs=1.5e-3)
     assert found.overshoots[0] == pytest.approx(distance[first <= TIME].max(), rel=1e-9)
+    assert found.stabilizations_s[0] == pytest.approx(outside[-1] - first, abs=1.5e-3)
+    assert found.drifts[0] == pytest.approx(distance[(END + TIME[-1]) / 2 <= TIME].max(), rel=1e-9)
     half = size * np.exp(-damping * np.pi / np.sqrt(1 - damping**2))  # the first peak beyond
     assert found.overshoots[0] == pytest.approx(half, rel=0.05)
 
 
 def test_a_robot_that_does_not_stay_in_the_band_has_no_settling_time() -> None:
     wave = np.where(TIME >= END, 1e-3 * np.cos(40.0 * (TIME - END)), 0.0)
-    assert judged(circle(TIME) + wave[:, None] * [1.0, 0.0]).settling_s == (None,)
+    found = judged(circle(TIME) + wave[:, None] * [1.0, 0.0])
+    assert found.settling_s == (None,) and found.stabilizations_s == (None,)
 
 
 def test_a_robot_that_creeps_into_the_band_has_no_overshoot() -> None:
@@ -93,6 +96,87 @@ def test_a_robot_that_creeps_into_the_band_has_no_overshoot() -> None:
     found = judged(circle(TIME) + away[:, None] * [1.0, 0.0])
     assert found.overshoots == (0.0,)
     assert found.settling_s[0] == pytest.approx(0.05 * np.log(10.0), abs=2e-3)
+    assert found.stabilizations_s == (0.0,)  # it enters the band once
+
+
+def test_a_robot_that_creeps_at_rest_drifts_by_its_speed() -> None:
+    creep = 2e-5 * np.maximum(TIME - END, 0.0)
+    found = judged(circle(TIME) + creep[:, None] * [0.6, 0.8])
+    assert found.drifts[0] == pytest.approx(2e-5 * 0.5, rel=1e-9)
+    assert found.to_dict()["robots"][0]["drift_m"] == found.drifts[0] and found.to_dict()["drift_m"] == found.drifts[0]
+
+
+def turned(angles: np.ndarray) -> np.ndarray:
+    """Matrices (n, 3, 3) of rotation vectors (n, 3), by the formula of Rodrigues."""
+    size = np.linalg.norm(angles, axis=1)[:, None, None]
+    x, y, z = angles.T
+    o = np.zeros(len(angles))
+    hat = np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
+    return np.asarray(np.eye(3) + np.sinc(size / np.pi) * hat + 0.5 * np.sinc(size / (2 * np.pi)) ** 2 * hat @ hat)
+
+
+def command(time: np.ndarray) -> np.ndarray:
+    """The tool turns by 1 rad about an axis along the path."""
+    x = np.clip(time, 0.0, END)
+    return turned((x - np.sin(2 * np.pi * x) / (2 * np.pi))[:, None] * [0.48, 0.6, 0.64])
+
+
+PLANTED = np.array([[3e-4, -1e-4, 0.0], [1e-4, -2e-4, 5e-4], [-2e-4, -6e-4, 4e-4]])
+
+
+def oriented(errors: np.ndarray, late: float, *, reverse: bool = False) -> flexgen.PathAccuracy:
+    """Robots that are late on the path, with constant errors of the angles about the world axes."""
+    each = [turned(np.tile(error, (len(TIME), 1))) for error in errors]
+    R = np.array([command(TIME - late) @ x if reverse else x @ command(TIME - late) for x in each])
+    names, p = tuple("abc"[: len(errors)]), np.array([circle(TIME - late)] * len(errors))
+    return path_accuracy(TIME, circle(TIME), p, END, robots=names, orientations=(command(TIME), R))
+
+
+@pytest.mark.parametrize("late", [0.0, 0.03])
+def test_angles_that_were_planted_are_found_whatever_the_lateness(late: float) -> None:
+    """AP and AT are the means of the planted angles, RP and RT three standard deviations of each."""
+    found = oriented(PLANTED, late)
+    mean, spread = PLANTED.mean(axis=0), 3 * np.sqrt(((PLANTED - PLANTED.mean(axis=0)) ** 2).sum(axis=0) / 2)
+    assert_allclose(found.orientation_accuracy, mean, rtol=1e-9)
+    assert_allclose(found.orientation_repeatability, spread, rtol=1e-9)
+    assert_allclose(found.orientation_path_accuracy, np.abs(mean), atol=3e-7)  # linear between the samples
+    assert_allclose(found.orientation_path_repeatability, spread, atol=3e-7)
+    data = found.to_dict()
+    assert_allclose(data["orientation_accuracy_rad"], mean, rtol=1e-9)
+    assert data["orientation_accuracy_max_rad"] == pytest.approx(np.abs(mean).max(), rel=1e-9)
+
+
+def test_angles_about_the_axes_of_the_tool_are_a_planted_error() -> None:
+    found = oriented(PLANTED, 0.0, reverse=True).orientation_accuracy
+    assert found is not None and np.abs(np.array(found) - PLANTED.mean(axis=0)).max() > 5e-5
+
+
+def test_orientations_at_the_same_time_are_a_planted_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(accuracy, "ITERATIONS", 0)
+    found = oriented(PLANTED, 0.03).orientation_path_accuracy
+    assert found is not None and max(found) > 1e-2
+
+
+def test_one_robot_has_angles_without_repeatability_and_a_position_has_none() -> None:
+    found = oriented(PLANTED[1:2], 0.0)
+    assert found.orientation_path_repeatability is None and found.orientation_repeatability is None
+    assert_allclose(found.orientation_accuracy, PLANTED[1], rtol=1e-9)
+    assert judged(circle(TIME)).to_dict()["orientation_accuracy_rad"] is None
+
+
+def test_a_closed_loop_of_poses_states_angles_in_its_json() -> None:
+    """The norm of the mean angles at the end of one robot is its angle from the reference there."""
+    run = flexgen.control("kr300", plants={"heavy": {"payload": 20.0}}, progress=False)
+    data = run.to_dict()["accuracy"]
+    assert data["path_accuracy_m"] == run.accuracy().path_accuracy and len(data["robots"]) == 2
+    one = run.accuracy(["heavy"])
+    assert run["heavy"].turn is not None and one.orientation_accuracy is not None
+    assert np.linalg.norm(one.orientation_accuracy) == pytest.approx(run["heavy"].turn[-1], rel=1e-6)
+    assert run["heavy"].turn[-1] > 1e-6
+    assert "angles AP_a, AP_b, AP_c at the end" in run.to_text()
+    solved = run.solution.to_dict()["accuracy"]
+    assert solved["orientation_path_accuracy_max_rad"] < 1e-5
+    assert flexgen.solve("elbow", verify=False).to_dict()["accuracy"] is None
 
 
 def test_figures_of_a_reference_at_rest_are_not_stated() -> None:
@@ -100,7 +184,7 @@ def test_figures_of_a_reference_at_rest_are_not_stated() -> None:
     found = path_accuracy(TIME, rest, np.array([rest + 1e-3]), END, robots=("a",))
     assert found.path_accuracy is None and found.speed_accuracy is None and found.path_errors == (None,)
     assert found.pose_accuracy == pytest.approx(np.sqrt(2) * 1e-3)
-    assert found.robot_rows() == [("a", "-", "0", "0")]
+    assert found.robot_rows() == [("a", "-", "0", "0", "0", "0")]
     with pytest.raises(ArgumentError, match=r"band: given -1, expected a number > 0 \[m\]"):
         judged(circle(TIME), band=-1)
 
