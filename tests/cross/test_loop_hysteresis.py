@@ -14,8 +14,9 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.exports.mujoco_checks import with_friction
-from flexgen.inversion.sampling import time_derivative
+from flexgen.inversion.sampling import second_time_derivative, time_derivative
 from flexgen.loop import hysteresis as loop
+from flexgen.loop.channels import ACCELEROMETER, channels_of
 from flexgen.loop.control import case_controller, control_case, run_case
 from flexgen.mechanics.hysteresis import gear_hysteresis, torque_along
 from flexgen.mechanics.lagrangian import gears
@@ -114,6 +115,22 @@ def test_the_loop_balances_the_energy(plain: flexgen.Solution) -> None:
     work = float(np.sum(tau[:-1] * np.diff(q_m, axis=0)))
     assert lost > 1e-3
     assert work - gained == pytest.approx(lost, rel=1e-3)
+
+
+def test_accelerometers_feel_the_torques_of_the_gears(plain: flexgen.Solution) -> None:
+    """Their signals are those of the second differences of the recorded motion, not those of the springs alone."""
+    model = channels_of(hysteretic("elbow"), ("motors", ACCELEROMETER)).model
+    model = replace(model, sensors=tuple(replace(sensor, noise=0.0) for sensor in model.sensors))
+    run = flexgen.control(model, solution=plain, **OPEN)
+    q_a, q_m, step = run.nominal.q_a, run.nominal.q_m, OPEN["sample_time"]
+    v_a, a_a, v_m = time_derivative(q_a, step), second_time_derivative(q_a, step), time_derivative(q_m, step)
+    equations = flexgen.derive(model)
+    springs = evaluate(equations.function("forward_dynamics"), q_a, v_a, q_m, v_m, run.nominal.tau_m)[0]
+    signals, inside = equations.function("sensors"), slice(50, -50)
+    felt, forgotten = (evaluate(signals, q_a, v_a, a)[0][inside] for a in (a_a, springs))
+    shown = run.nominal.sensors[inside]
+    assert_allclose(shown, felt, rtol=0, atol=1e-6 * np.ptp(felt))
+    assert np.abs(shown - forgotten).max() > 0.01 * np.ptp(felt)
 
 
 def test_feedforward_that_knows_the_hysteresis_leaves_no_error(plain: flexgen.Solution) -> None:
