@@ -221,7 +221,7 @@ _NOUNS = {
     "MoveL": "flexgen.model.moves",
     "Notch": "flexgen.position_servo.filters",
     "Path": "flexgen.paths.path",
-    "PathAccuracy": "flexgen.paths.accuracy",
+    "PathAccuracy": "flexgen.accuracy.figures",
     "PathSample": "flexgen.paths.reference",
     "PathSampler": "flexgen.runtime.path_sampler",
     "Phase": "flexgen.planning.phase",

@@ -1,5 +1,6 @@
 """The public names for type checkers, from the tables in `__init__.py`; `make golden` writes this file."""
 
+from flexgen.accuracy.figures import PathAccuracy as PathAccuracy
 from flexgen.analysis.analyze import Analysis as Analysis
 from flexgen.analysis.analyze import analyze as analyze
 from flexgen.benchmarks.scenario import Scenario as Scenario
@@ -94,7 +95,6 @@ from flexgen.observers.collision import Detection as Detection
 from flexgen.observers.constant_gain import ConstantGainObserver as ConstantGainObserver
 from flexgen.observers.extended_kalman import Estimate as Estimate
 from flexgen.observers.extended_kalman import ExtendedKalmanFilter as ExtendedKalmanFilter
-from flexgen.paths.accuracy import PathAccuracy as PathAccuracy
 from flexgen.paths.move_files import read_moves as read_moves
 from flexgen.paths.path import Path as Path
 from flexgen.paths.path import plan as plan

@@ -24,7 +24,7 @@ from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
 if TYPE_CHECKING:
-    from flexgen.paths.accuracy import PathAccuracy
+    from flexgen.accuracy.figures import PathAccuracy
 
 STATE_CHANNELS = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
@@ -201,7 +201,8 @@ class Solution(Result):
         ArgumentError
             The solution was not verified by a simulation; the band is not a positive number.
         """
-        from flexgen.paths.accuracy import path_accuracy
+        from flexgen.accuracy.corners import corner_figures, find_corners
+        from flexgen.accuracy.figures import path_accuracy
 
         if self.simulation is None or self._unverified:
             raise ArgumentError("accuracy: given a solution without verification, expected one with verify=True")
@@ -214,7 +215,9 @@ class Solution(Result):
             R_ref = np.column_stack([np.interp(run.time, wanted.time, x) for x in wanted["R_ref"].T])
             R = evaluate(derive(self.model).function("forward_kinematics"), run["q_a"])[1]
             named["orientations"] = R_ref.reshape(-1, 3, 3), R[None]
-        return path_accuracy(run.time, y, attained, self.move.duration, **named)
+        motion = run.time, y, attained
+        found = path_accuracy(*motion, self.move.duration, **named)
+        return replace(found, **corner_figures(find_corners(self.model, self.move), *motion))
 
     @property
     def _unverified(self) -> bool:

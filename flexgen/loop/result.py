@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from flexgen.accuracy.corners import corner_figures, find_corners
+from flexgen.accuracy.figures import BAND, PathAccuracy, path_accuracy
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution, format_size
 from flexgen.loop.hardware import DriveHardware
@@ -19,7 +21,6 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import columns_in, output_labels, output_units, turn_angle, unit_of
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.accuracy import BAND, PathAccuracy, path_accuracy
 from flexgen.results import Result
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -261,7 +262,10 @@ class ControlRun(Result):
             forward = derive(self.model).function("forward_kinematics")
             turned = np.array([evaluate(forward, run.q_a)[1] for run in chosen])
             named["orientations"] = self.reference.R_ref.reshape(-1, 3, 3), turned
-        return path_accuracy(self.reference.time, y[:, columns], attained, self.reference.path_end, **named)
+        motion = self.reference.time, y[:, columns], attained
+        corners = find_corners(self.model, self.solution.move)
+        found = path_accuracy(*motion, self.reference.path_end, **named)
+        return replace(found, **corner_figures(corners, *motion))
 
     def trajectory(self, name: str = NOMINAL) -> Trajectory:
         """Motion, torques and errors of a robot at the samples of the controller."""

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from flexgen.reports.text_tables import number, paragraph, table
 
 if TYPE_CHECKING:
+    from flexgen.accuracy.figures import PathAccuracy
     from flexgen.benchmarks.scenario import Scenario
     from flexgen.benchmarks.score import Score
     from flexgen.loop.margins import Margins
     from flexgen.loop.result import ControlRun
-    from flexgen.paths.accuracy import PathAccuracy
 
 
 def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = None) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import trapezoid
 
+from flexgen.accuracy.figures import PathAccuracy
 from flexgen.analysis.analyze import Analysis, analyze
 from flexgen.analysis.zeros import ON_AXIS
 from flexgen.atomic_files import write_text
@@ -22,7 +23,6 @@ from flexgen.loop.comparison import Comparison
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Friction, Motor, RobotModel
-from flexgen.paths.accuracy import PathAccuracy
 from flexgen.plots import solution as plots
 from flexgen.plots.canvas import measure
 from flexgen.reports.folder import PAGE, check_folder, foot

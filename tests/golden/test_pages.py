@@ -30,11 +30,11 @@ from matplotlib.figure import Figure
 
 import flexgen
 from flexgen import display
+from flexgen.accuracy.figures import PathAccuracy
 from flexgen.identification.result import FitStatus
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.limits import Limits
-from flexgen.paths.accuracy import PathAccuracy
 from flexgen.plots.canvas import apply_style
 from flexgen.reports import (
     analysis_page,
@@ -278,7 +278,7 @@ def loop_figures() -> dict[str, Any]:
     figures = (2e-4, 3e-4, 1.5e-4, None, 0.01, 0.002, 0.03)
     each = (1e-4, None), (0.25, None), (0.0, 4e-4), (0.125, None), (1e-6, 2e-6)
     angles = (1e-4, 2e-4, 3e-4), (1e-5, 2e-5, 3e-5), (-3e-4, 1e-4, 0.0), None
-    accuracy = PathAccuracy(("robot 0", "robot 2"), "m", 5e-5, *figures, *each, *angles)
+    accuracy = PathAccuracy(("robot 0", "robot 2"), "m", 5e-5, *figures, *each, *angles, 1e-3, 9e-4, 2e-4)
     return {
         "accuracy": lambda: accuracy,
         "status": "done",

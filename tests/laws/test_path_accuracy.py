@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import flexgen
+from flexgen.accuracy import figures
+from flexgen.accuracy.figures import path_accuracy
 from flexgen.errors import ArgumentError
-from flexgen.paths import accuracy
-from flexgen.paths.accuracy import path_accuracy
 
 TIME = np.arange(0.0, 2.0005, 1e-3)
 END = 1.0
@@ -51,7 +51,7 @@ def test_larger_circles_have_the_repeatability_of_their_radii() -> None:
 
 def test_offsets_at_the_same_time_are_a_planted_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the search for the plane, lateness is taken for an error of the path."""
-    monkeypatch.setattr(accuracy, "ITERATIONS", 0)
+    monkeypatch.setattr(figures, "ITERATIONS", 0)
     found = judged(circle(TIME - 0.03))
     assert found.path_accuracy is not None and found.path_accuracy > 1e-4
 
@@ -152,7 +152,7 @@ def test_angles_about_the_axes_of_the_tool_are_a_planted_error() -> None:
 
 
 def test_orientations_at_the_same_time_are_a_planted_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(accuracy, "ITERATIONS", 0)
+    monkeypatch.setattr(figures, "ITERATIONS", 0)
     found = oriented(PLANTED, 0.03).orientation_path_accuracy
     assert found is not None and max(found) > 1e-2
 

@@ -83,6 +83,7 @@ FLOORS = {
     "library": 5,
     "inverse_kinematics": 6,
     "paths": 7,
+    "accuracy": 8,
     "simulation": 8,
     "inversion": 9,
     "loop": 10,

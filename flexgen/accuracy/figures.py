@@ -70,6 +70,10 @@ class PathAccuracy(Result):
         From the first instant in the band after the path until each robot stays within it; None without settling time.
     drifts : tuple of (float or None) [unit]
         Largest distance of each robot from its last position in the later half of the time after the path.
+    corner_round_off, corner_round_off_commanded, corner_overshoot : float or None [m]
+        Where straight lines of the tool meet, the largest of all corners and robots: CR, the distance at which the
+        robots pass the programmed corner; that of the command, which rounds it; CO, how far a robot gets beyond the
+        second line.
     orientation_path_accuracy, orientation_path_repeatability : tuple (3) of float, or None [rad]
         AT and RT of the angles about the world axes x, y, z, where the output is a pose.
     orientation_accuracy, orientation_repeatability : tuple (3) of float, or None [rad]
@@ -102,6 +106,9 @@ class PathAccuracy(Result):
     orientation_path_repeatability: Angles | None = None
     orientation_accuracy: Angles | None = None
     orientation_repeatability: Angles | None = None
+    corner_round_off: float | None = None
+    corner_round_off_commanded: float | None = None
+    corner_overshoot: float | None = None
 
     def __repr__(self) -> str:
         shown = "; ".join(f"{label} {text}" for label, text in self.rows()[:2])
@@ -127,6 +134,14 @@ class PathAccuracy(Result):
             Figure("overshoot after the path, largest", max(self.overshoots), u, f"overshoot_{u}"),
             Figure("stabilization time, longest", _largest(self.stabilizations_s), "s", "stabilization_s"),
             Figure("drift at rest, largest", _largest(self.drifts), u, f"drift_{u}"),
+            Figure("corner round-off CR, largest", self.corner_round_off, "m", "corner_round_off_m"),
+            Figure(
+                "corner round-off of the command, largest",
+                self.corner_round_off_commanded,
+                "m",
+                "corner_round_off_commanded_m",
+            ),
+            Figure("corner overshoot CO, largest", self.corner_overshoot, "m", "corner_overshoot_m"),
             *(
                 Figure(f"{label}, largest", _largest(angles and tuple(map(abs, angles))), "rad", f"{key}_max_rad")
                 for label, key, angles in self._orientation()
@@ -243,7 +258,8 @@ def path_accuracy(
     if orientations is not None:
         angles = _orientation_figures(time, *orientations, moving, passing)
     ap, rp = _accuracy_and_repeatability(attained[:, -1:] - reference[-1:])
-    settled = [_settle(time, p, path_end, band) for p in attained]
+    each = [_settle(time, p, path_end, band) for p in attained]
+    settled, over, stable, drift = zip(*each, strict=True)
     return PathAccuracy(
         robots,
         unit,
@@ -254,7 +270,10 @@ def path_accuracy(
         rp,
         *_speed_figures(time, speed, attained, moving & (speed >= CRUISING * speed.max())),
         errors,
-        *zip(*settled, strict=True),
+        settled,
+        over,
+        stable,
+        drift,
         **angles,
     )
 

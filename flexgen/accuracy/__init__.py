@@ -1,0 +1,1 @@
+"""Figures by which people compare robots on a path, in the sense of ISO 9283."""
