@@ -25,7 +25,7 @@ FOLDER = Path(__file__).parents[1] / "golden" / "numbers"
 ENDLESS = 1e300  # infinity in a file
 # times; counts and residuals at the level of rounding, which depend on how BLAS sums on a processor
 OTHER = ("history", "residual", "wall", "cpu", "seconds", "iterations", "programs", "inversions", "date", "version")
-OTHER += ("simulated_in", "digest")
+OTHER += ("simulated_in", "digest", "accuracy")
 
 
 def _sums(x: np.ndarray) -> list[float]:

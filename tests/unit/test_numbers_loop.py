@@ -622,11 +622,12 @@ def run_of(**more: object) -> tuple[ControlRun, PlantRun]:
         "+1 kg",
     )
     robot = replace(robot, **more)
-    model, reference = flexgen.read("elbow"), SimpleNamespace(time=time, begin=0.1, end=0.4, path_end=0.4)
+    still = {"y_ref": np.zeros((6, 2)), "R_ref": None}
+    model, reference = flexgen.read("elbow"), SimpleNamespace(time=time, begin=0.1, end=0.4, path_end=0.4, **still)
     made = object.__new__(ControlRun)
     fields = {
         "model": model,
-        "solution": SimpleNamespace(move=SimpleNamespace(name="line")),
+        "solution": SimpleNamespace(move=SimpleNamespace(name="line", type="tool_line")),
         "controller": "mine",
         "law": None,
         "reference": reference,
@@ -669,6 +670,8 @@ def test_figures_of_a_run_by_hand() -> None:
     failed, other = run_of(failure="not finite")
     assert failed.status == "failed: nominal: not finite" and math.isnan(failed.figures(other)["error_max_m"])
     assert failed.figures(other)["error_max_rad"] is None and failed.worst is other
+    assert failed.to_dict()["accuracy"] is None
+    assert data["accuracy"]["pose_accuracy_m"] == pytest.approx(math.sqrt(2) * 1e-3)
     assert failed.to_dict()["plants"][0]["error_max_m"] is None and "  nominal: not finite" in str(failed)
     object.__setattr__(made, "runs", tuple(replace(robot, name=f"r{k}", saturated=0) for k in range(22)))
     assert str(made).splitlines()[-1] == "  and 2 more robots in .runs" and len(str(made).splitlines()) == 22
