@@ -113,6 +113,15 @@ class LocalModel:
         self.outputs = OutputRows(self.equations, self.motor_rows, sensors)
 
     @cached_property
+    def rate(self) -> ca.Function:
+        """Rate of the state ``(y, y')`` under motor torques, a function of state, torques and parameters."""
+        sizes = {"x": 2 * self.model.dof, "u": self.model.n_m, "p": len(self.names)}
+        x, u, p = (ca.SX.sym(name, n) for name, n in sizes.items())
+        function = self.equations.function("state_rate")
+        rate = function(x, u, p) if function.n_in() == 3 else function(x, u)
+        return ca.Function("segment_rate", [x, u, p], [ca.cse(rate)])
+
+    @cached_property
     def springs(self) -> tuple[tuple[Spring, np.ndarray], ...]:
         """Springs that are not linear, with their parameters as symbols, and the rows s of their deflection ``s y``."""
         model, C = self.equations.with_symbols, self.motor_rows

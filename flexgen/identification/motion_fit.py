@@ -32,12 +32,12 @@ from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.parameters import DELAY, ParameterVector, is_of_sensor
 from flexgen.identification.recordings.description import Description, Recording, read_description
 from flexgen.identification.result import Estimated, FitStatus
-from flexgen.identification.segments import Segments
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.residual_statistics import whiteness
 from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
+from flexgen.simulation.segments import Segments
 from flexgen.type_checks import checked_result, checked_types
 
 STEP = 1e-5  # of differences in the parameters, mostly logarithms
@@ -137,7 +137,8 @@ class _Shooting:
         self.rows, self.measured = self._outputs(data, recordings)
         rate = largest_rate(self.local, recordings[0].q_m[:1])
         self.steps = max(1, math.ceil(rate * self.sample_s / STABLE))
-        self.simulate = Segments(self.local, self.rows, self.sample_s, self.steps)
+        rows = np.hstack([self.rows, np.zeros_like(self.rows)])
+        self.simulate = Segments(self.local.rate, rows, self.sample_s, self.steps)
         self.starts = [(r, k) for r, run in enumerate(recordings) for k in self._begins(run)]
         if len(self.starts) < LEAST_SEGMENTS:
             raise ArgumentError(

@@ -18,10 +18,10 @@ from flexgen.identification.local_model import LocalModel
 from flexgen.identification.motion_fit import fit_motion
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.identification.result import FitStatus
-from flexgen.identification.segments import Segments
 from flexgen.loop.hardware import DriveHardware
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.residual_statistics import whiteness
+from flexgen.simulation.segments import Segments
 
 FREE = ["stiffness", "damping"]
 
@@ -131,7 +131,8 @@ def test_held_out_recordings_show_a_wrong_model(truth: RobotModel, tmp_path: Pat
 def test_segments_are_those_of_another_integrator() -> None:
     model = flexgen.read("planar5_nmp")
     local = LocalModel(model, ["q1.stiffness"])
-    segments = Segments(local, local.motor_rows, 1e-3, 16)
+    rows = np.hstack([local.motor_rows, np.zeros_like(local.motor_rows)])
+    segments = Segments(local.rate, rows, 1e-3, 16)
     rng = np.random.default_rng(0)
     start = 0.1 * rng.normal(size=(3, 2 * model.dof))
     u = rng.normal(size=(2, 20 * 16, 3, model.n_m))

@@ -1,4 +1,4 @@
-"""Motions over short segments under recorded torques, each with its own parameters and start state, in C."""
+"""Motions under recorded inputs, each with its own parameters and start state, in C: classical Runge-Kutta steps."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from flexgen.errors import SolverError
-from flexgen.identification.local_model import LocalModel
 from flexgen.library.c_module import c_module, load_module
 from flexgen.library.casadi_module import casadi_module
 
@@ -30,32 +29,25 @@ class _Segments(ctypes.Structure):
 
 
 class Segments:
-    """Simulates segments; the equations of motion are those of the definition.
+    """Simulates motions ``x' = rate(x, u, p)`` with outputs ``rows x``; calls from several threads are independent.
 
     Parameters
     ----------
-    local : LocalModel
-        Of the robot, with the names of the parameters.
-    rows : array (n_y, dof)
-        Outputs from the coordinates ``y = (q_a, q_me)``.
+    rate : casadi.Function
+        Of state (n), input (n_u) and parameters (n_p).
+    rows : array (n_y, n)
     sample_s : float [s]
     steps : int
         Of the integration from one sample to the next.
     """
 
-    def __init__(self, local: LocalModel, rows: np.ndarray, sample_s: float, steps: int) -> None:
-        model = local.model
-        self.n, self.n_u, self.n_p = 2 * model.dof, model.n_m, len(local.names)
-        self.rows = np.ascontiguousarray(np.hstack([rows, np.zeros_like(rows)]))
+    def __init__(self, rate: ca.Function, rows: np.ndarray, sample_s: float, steps: int) -> None:
+        self.n, self.n_u, self.n_p = (rate.size1_in(k) for k in range(3))
+        self.rows = np.ascontiguousarray(rows, float)
         self.steps, self.step = steps, sample_s / steps
-        equations, x, u = local.equations, ca.SX.sym("x", self.n), ca.SX.sym("u", self.n_u)
-        p = ca.SX.sym("p", self.n_p)
-        function = equations.function("state_rate")
-        rate = function(x, u, p) if function.n_in() == 3 else function(x, u)
-        written = ca.Function("segment_rate", [x, u, p], [ca.cse(rate)])
-        self._library = load_module(casadi_module(written))
-        self._rate = ctypes.cast(self._library.segment_rate, ctypes.c_void_p).value
-        self._work = np.zeros(written.sz_iw() + 1, np.int64), np.zeros(written.sz_w() + 1)
+        self._library = load_module(casadi_module(rate))
+        self._rate = ctypes.cast(getattr(self._library, rate.name()), ctypes.c_void_p).value
+        self._work = rate.sz_iw() + 1, rate.sz_w() + 1
         self._run: Any = c_module(SOURCE).segments_run
         self._run.restype = ctypes.c_int64
 
@@ -66,12 +58,12 @@ class Segments:
 
         Parameters
         ----------
-        start : array (lanes, 2 dof)
-        inputs : array (sets, samples * steps, 3, n_m)
-            Torques at the start, the middle and the end of each step.
+        start : array (lanes, n)
+        inputs : array (sets, samples * steps, 3, n_u)
+            At the start, the middle and the end of each step.
         sets : array of int (lanes,)
             Which inputs a lane has.
-        offset : array (lanes, n_m)
+        offset : array (lanes, n_u)
             Added to them.
         parameters : array (lanes, n_p)
 
@@ -91,10 +83,10 @@ class Segments:
             "output": np.empty((lanes, samples + 1, len(self.rows))),
             "memory": np.zeros(6 * self.n + self.n_u),
         }
-        what = _Segments(
-            self._rate, self._work[0].ctypes.data, self._work[1].ctypes.data, self.n, self.n_u, self.n_p,
-            len(self.rows), lanes, samples, self.steps, self.step, *(x.ctypes.data for x in arrays.values()),
-        )  # fmt: skip
+        work = np.zeros(self._work[0], np.int64), np.zeros(self._work[1])
+        sizes = (self.n, self.n_u, self.n_p, len(self.rows), lanes, samples, self.steps)
+        pointers = [x.ctypes.data for x in (*work, *arrays.values())]
+        what = _Segments(self._rate, *pointers[:2], *sizes, self.step, *pointers[2:])
         if self._run(ctypes.byref(what)):
             raise SolverError("segments: the simulated motion is not finite: take start values nearer to the truth")
         return arrays["output"]
