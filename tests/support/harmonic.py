@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from hysteretic import ARCMIN, joint_stiffness, tool_error_in_mujoco
+from hysteretic import ARCMIN, Law, joint_stiffness, tool_error_in_mujoco
 
 import flexgen
 from flexgen.exports.mujoco_checks import with_friction
@@ -41,8 +41,8 @@ def value(table: dict[str, Any], q: np.ndarray, order: int = 0) -> np.ndarray:
     return total
 
 
-def error_in_mujoco(name: str, path: Trajectory, size: float = 1.0, **options: Any) -> float:
-    """`tool_error_in_mujoco` of a robot with ``size`` times the sums above, each motor with one joint of its own."""
+def law_with_sums(name: str, size: float = 1.0, ripple: float = 1.0) -> Law:
+    """Law of `Plant` for ``size`` times the sums above, ``ripple`` times the ripple; each motor has its joint."""
     model = flexgen.read(name)
     ratios = np.diag(model.eta)
     assert np.array_equal(np.diag(ratios), model.eta)
@@ -59,6 +59,11 @@ def error_in_mujoco(name: str, path: Trajectory, size: float = 1.0, **options: A
         plain = K * (q_m / ratios - q_g) + D * (v_m / ratios - v_g)  # MuJoCo has these
         torque = plain - K * e - D * slope * v_m
         on_motors = plain / ratios - torque * (1 / ratios - slope) + size * value(COGGING, q_m)
-        return torque - plain, on_motors, tau * (1 + size * value(RIPPLE, q_m))
+        return torque - plain, on_motors, tau * (1 + size * ripple * value(RIPPLE, q_m))
 
-    return tool_error_in_mujoco(name, path, law, **options)
+    return law
+
+
+def error_in_mujoco(name: str, path: Trajectory, size: float = 1.0, **options: Any) -> float:
+    """`tool_error_in_mujoco` of a robot with ``size`` times the sums above."""
+    return tool_error_in_mujoco(name, path, law_with_sums(name, size), **options)

@@ -54,6 +54,62 @@ class Gears:
 Law = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
+class Plant:
+    """A robot in MuJoCo with torques of its own on joints and rotors, RK4.
+
+    ``law(q_g, v_g, q_m, v_m, tau_m)``: torques on joints and rotors in addition to springs, dampers and frictions, and
+    what the motors give; ``kept(q_g, q_m)`` is called after each step; ``torque(t, q_m, v_m)``: what they shall give.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        law: Law,
+        kept: Callable[[np.ndarray, np.ndarray], None],
+        torque: Callable[[float, np.ndarray, np.ndarray], np.ndarray],
+        step: float,
+    ) -> None:
+        import mujoco
+
+        self.model, self.law, self.kept, self.torque = with_friction(flexgen.read(name), "viscous"), law, kept, torque
+        self.m = mujoco.MjModel.from_xml_string(mjcf(self.model))
+        self.d = mujoco.MjData(self.m)
+        names = [c.name for c in self.model.coordinates] + [f"rotor.{motor.name}" for motor in self.model.motors]
+        self.at = self.m.jnt_dofadr[[self.m.joint(joint).id for joint in names]]
+        arm, self.rotors = self.at[: self.model.n_a], self.at[self.model.n_a :]
+        self.joints = arm[list(self.model.i_g)]
+        self.motors = [self.m.actuator(motor.name).id for motor in self.model.motors]
+        self.m.opt.timestep, self.m.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
+
+    def run(self, start: float, q: np.ndarray, steps: int, look: Callable[[int], None]) -> None:
+        """``look(k)`` after each step k, from rest at (q_a, q_m) at the time ``start`` [s]."""
+        import mujoco
+
+        joints, rotors, motors = self.joints, self.rotors, self.motors
+
+        def control(m: Any, d: Any) -> None:
+            q, v = d.qpos[rotors], d.qvel[rotors]
+            own = self.law(d.qpos[joints], d.qvel[joints], q, v, self.torque(d.time, q, v))
+            d.qfrc_applied[joints], d.qfrc_applied[rotors], d.ctrl[motors] = own
+
+        self.d.qpos[self.at], self.d.time = q, start
+        self.kept(self.d.qpos[joints], self.d.qpos[rotors])
+        mujoco.set_mjcb_control(control)
+        try:
+            for k in range(steps):
+                mujoco.mj_step(self.m, self.d)
+                self.kept(self.d.qpos[joints], self.d.qpos[rotors])
+                look(k)
+        finally:
+            mujoco.set_mjcb_control(None)
+
+
+def feedback_gains(model: flexgen.RobotModel) -> tuple[np.ndarray, np.ndarray]:
+    """Gains [N m/rad, N m s/rad] of a motor feedback of `FREQUENCY`."""
+    inertia, w = np.array([motor.inertia for motor in model.motors]), 2 * np.pi * FREQUENCY
+    return inertia * w**2, 2 * inertia * w
+
+
 def tool_error_in_mujoco(
     name: str,
     path: Trajectory,
@@ -63,60 +119,38 @@ def tool_error_in_mujoco(
     step: float = 1e-4,
     feedback: bool = True,
 ) -> float:
-    """Largest distance [m] of MuJoCo's tool from the path until 0.1 s after it, RK4, PD about the torque of the path.
+    """Largest distance [m] of MuJoCo's tool from the path until 0.1 s after it, PD about the torque of the path.
 
-    ``law(q_g, v_g, q_m, v_m, tau_m)``: torques on joints and rotors in addition to springs, dampers and frictions, and
-    what the motors give; ``kept(q_g, q_m)`` is called after each step.
+    ``law`` and ``kept``: see `Plant`.
     """
     import mujoco
 
-    model = with_friction(flexgen.read(name), "viscous")
-    m = mujoco.MjModel.from_xml_string(mjcf(model))
-    d = mujoco.MjData(m)
-    names = [c.name for c in model.coordinates] + [f"rotor.{motor.name}" for motor in model.motors]
-    at = m.jnt_dofadr[[m.joint(joint).id for joint in names]]
-    arm, rotors = at[: model.n_a], at[model.n_a :]
-    joints = arm[list(model.i_g)]
-    motors, site = [m.actuator(motor.name).id for motor in model.motors], m.site("tool").id
-    d.qpos[at] = np.concatenate([path["q_a"][0], path["q_m"][0]])
-    inertia = np.array([motor.inertia for motor in model.motors])
-    k_p, k_v = inertia * (2 * np.pi * FREQUENCY) ** 2 * feedback, 2 * inertia * 2 * np.pi * FREQUENCY * feedback
     start, end = float(path.time[0]), float(path.time[-1])
     steps = round((end - start + 0.1) / step)
-    m.opt.timestep, m.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
-    d.time = start
     given = path.at(np.clip(start + step / 2 * np.arange(2 * steps + 3), start, end))
 
-    def control(m: Any, d: Any) -> None:
-        k = round((d.time - start) / (step / 2))
-        q, v = d.qpos[rotors], d.qvel[rotors]
-        tau = given["tau_m"][k] + k_p * (given["q_m"][k] - q) + k_v * (given["v_m"][k] - v)
-        d.qfrc_applied[joints], d.qfrc_applied[rotors], d.ctrl[motors] = law(d.qpos[joints], d.qvel[joints], q, v, tau)
+    def torque(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        k = round((t - start) / (step / 2))
+        return np.asarray(given["tau_m"][k] + k_p * (given["q_m"][k] - q) + k_v * (given["v_m"][k] - v))
 
-    worst, output = 0.0, list(range(path["y_ref"].shape[1]))[:3]
-    kept(d.qpos[joints], d.qpos[rotors])
-    mujoco.set_mjcb_control(control)
-    try:
-        for k in range(steps):
-            mujoco.mj_step(m, d)
-            kept(d.qpos[joints], d.qpos[rotors])
-            mujoco.mj_kinematics(m, d)
-            wanted = given["y_ref"][2 * (k + 1)]
-            axes = "xyz" if model.output.type == "tool_pose" else model.output.axes
-            tool = d.site_xpos[site][["xyz".index(axis) for axis in axes]]
-            worst = max(worst, float(np.linalg.norm(tool - wanted[output])))
-    finally:
-        mujoco.set_mjcb_control(None)
-    return worst
+    plant = Plant(name, law, kept, torque, step)
+    k_p, k_v = (feedback * gain for gain in feedback_gains(plant.model))
+    site, output, errors = plant.m.site("tool").id, list(range(path["y_ref"].shape[1]))[:3], []
+
+    def look(k: int) -> None:
+        mujoco.mj_kinematics(plant.m, plant.d)
+        axes = "xyz" if plant.model.output.type == "tool_pose" else plant.model.output.axes
+        tool = plant.d.site_xpos[site][["xyz".index(axis) for axis in axes]]
+        errors.append(float(np.linalg.norm(tool - given["y_ref"][2 * (k + 1)][output])))
+
+    plant.run(start, np.concatenate([path["q_a"][0], path["q_m"][0]]), steps, look)
+    return max(errors)
 
 
-def error_in_mujoco(
-    name: str, path: Trajectory, lost_motion: float, *, share: float = 1.0, step: float = 1e-4, feedback: bool = True
-) -> float:
-    """`tool_error_in_mujoco` of a robot whose gears have ``lost_motion`` [rad]; zero: without hysteresis."""
+def with_lost_motion(name: str, lost_motion: float, start: np.ndarray, share: float = 1.0) -> tuple[Law, Any]:
+    """``law`` and ``kept`` of a robot whose gears have hysteresis; ``start``: their deflections (n_g,) at rest."""
     model = flexgen.read(name)
     K, inverse = joint_stiffness(model), np.linalg.inv(model.eta)
-    start = inverse @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]
     gears = Gears(share * K, 0.5 * lost_motion * K + 1e-30, start)
 
     def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
@@ -126,4 +160,14 @@ def error_in_mujoco(
     def kept(q_g: np.ndarray, q_m: np.ndarray) -> None:
         gears.keep(inverse @ q_m - q_g)
 
+    return law, kept
+
+
+def error_in_mujoco(
+    name: str, path: Trajectory, lost_motion: float, *, share: float = 1.0, step: float = 1e-4, feedback: bool = True
+) -> float:
+    """`tool_error_in_mujoco` of a robot whose gears have ``lost_motion`` [rad]; zero: without hysteresis."""
+    model = flexgen.read(name)
+    start = np.linalg.inv(model.eta) @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]
+    law, kept = with_lost_motion(name, lost_motion, start, share)
     return tool_error_in_mujoco(name, path, law, kept, step=step, feedback=feedback)
