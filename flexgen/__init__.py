@@ -39,6 +39,7 @@ _VERBS = {
     "control": "flexgen.loop.control",
     "command_positions": "flexgen.servo.command",
     "identify_servo": "flexgen.servo.identify",
+    "identify_gears": "flexgen.gears.identify",
     "feedback_study": "flexgen.laws.study",
     "tune": "flexgen.benchmarks.tune",
     "fastest": "flexgen.performance.minimum_time",
@@ -51,7 +52,7 @@ _VERBS = {
     "view": "flexgen.reports.view",
 }
 # Functions whose command needs no row in verbs.py: their parameters and docstrings give its options.
-_COMMANDS = ("identify_load",)
+_COMMANDS = ("identify_load", "identify_gears")
 # Exports, by the name of the command; each is the function ``export_NAME`` of its module.
 registry.EXPORTS |= {
     "fmu": registry.Export(
@@ -243,6 +244,7 @@ _NOUNS = {
     "Score": "flexgen.benchmarks.score",
     "Servo": "flexgen.servo.servo",
     "ServoFit": "flexgen.servo.fit_result",
+    "GearFit": "flexgen.gears.result",
     "ServoRecord": "flexgen.servo.record",
     "Setting": "flexgen.laws.study",
     "Simulation": "flexgen.simulation.result",
@@ -290,6 +292,7 @@ _RESULTS = {
     "Path.plot": "flexgen.plots.signals:plot_path",
     "PositionCommands.plot": "flexgen.plots.servo:plot_commands",
     "ServoFit.plot": "flexgen.plots.servo:plot_fit",
+    "GearFit.plot": "flexgen.plots.gears:plot_loops",
     "PathSample.plot": "flexgen.plots.signals:plot_arrays",
     "PlantRun.plot": "flexgen.plots.signals:plot_arrays",
     "Solution.positions": "flexgen.servo.reference:with_positions",

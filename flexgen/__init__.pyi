@@ -29,6 +29,8 @@ from flexgen.exports.ros2.export import export_ros2 as export_ros2
 from flexgen.exports.selftest.export import export_selftest as export_selftest
 from flexgen.exports.simulink.export import export_simulink as export_simulink
 from flexgen.exports.urdf import export_urdf as export_urdf
+from flexgen.gears.identify import identify_gears as identify_gears
+from flexgen.gears.result import GearFit as GearFit
 from flexgen.identification.experiments.excitation import Plan as Plan
 from flexgen.identification.experiments.experiment import Experiment as Experiment
 from flexgen.identification.experiments.experiment import measure as measure

@@ -19,6 +19,7 @@ KINDS = {
     "str": ("TEXT", "text"),
     "str | Path": ("FILE", ""),
     "Sequence[float]": ("X ...", "numbers"),
+    "Sequence[int]": ("N ...", "integers"),
     "Sequence[str]": ("NAME,NAME,...", "names"),
     "Trajectory | str | Path": ("TRAJECTORY", ""),
     "ServoRecord | str | Path": ("DATA", ""),

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
-from flexgen.cli.argument_types import numbers
+from flexgen.cli.argument_types import integers, numbers
 from flexgen.errors import suggestion
 
 _NEGATIVE = re.compile(r"-(\.?\d|inf|nan)", re.IGNORECASE)  # no option begins like a number
@@ -45,7 +45,7 @@ class Parser(argparse.ArgumentParser):
     """An argument parser that raises `UsageError`, suggests similar words, and takes each number for a value.
 
     ``argparse`` takes ``-1e-3`` for an option. Here whatever begins like a negative number is a value, and an option
-    whose type is `numbers` takes all numbers that follow it.
+    whose type is `numbers` or `integers` takes all numbers that follow it.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -67,7 +67,7 @@ class Parser(argparse.ArgumentParser):
         return super()._parse_known_args(self._join_numbers(arg_strings), *rest)
 
     def _join_numbers(self, words: Sequence[str]) -> list[str]:
-        """``--pose -0.3 1`` as ``--pose=-0.3,1``, for each option of type `numbers`."""
+        """``--pose -0.3 1`` as ``--pose=-0.3,1``, for each option of type `numbers` or `integers`."""
         out: list[str] = []
         words, k = list(words), 0
         while k < len(words):
@@ -75,7 +75,12 @@ class Parser(argparse.ArgumentParser):
             k += 1
             action = self._option_string_actions.get(option)
             values = [first] if equals else []
-            while action is not None and action.type is numbers and k < len(words) and _NUMBERS.match(words[k]):
+            while (
+                action is not None
+                and action.type in (numbers, integers)
+                and k < len(words)
+                and _NUMBERS.match(words[k])
+            ):
                 values.append(words[k])
                 k += 1
             joined = ",".join([*(value.rstrip(",") for value in values[:-1]), *values[-1:]])

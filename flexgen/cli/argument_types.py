@@ -27,6 +27,13 @@ def numbers(text: str) -> list[float]:
     return values
 
 
+def integers(text: str) -> list[int]:
+    """Integers with commas between them."""
+    if not re.fullmatch(r"[0-9]{1,9}(,[0-9]{1,9})*", text):
+        raise argparse.ArgumentTypeError(f"given {text[:40]!r}, expected integers such as 1 2 6 or 1,2,6")
+    return [int(part) for part in text.split(",")]
+
+
 def _number(text: str) -> float:
     """One finite number, else NaN."""
     try:

@@ -32,9 +32,9 @@ NONSENSE: tuple[Any, ...] = (
 # Functions and methods that compute for seconds where nothing is wrong: called with one wrong type at least.
 HEAVY = set(
     "solve sweep generate excite measure frf identify refine fit_motion control feedback_study tune fastest "
-    "identify_load identify_servo command_positions learn predict compare export_fmu score export_mex export_plcopen "
-    "export_ros2 export_selftest export_simulink export_mujoco export_urdf view models kinematics simulate load check "
-    "report verdict then plot to_dataframe to_xarray to_control".split()
+    "identify_load identify_servo identify_gears command_positions learn predict compare export_fmu score export_mex "
+    "export_plcopen export_ros2 export_selftest export_simulink export_mujoco export_urdf view models kinematics "
+    "simulate load check report verdict then plot to_dataframe to_xarray to_control".split()
 )
 NEVER = {"executor", "controller", "raw"}  # objects of the user, called by flexgen
 LONGEST = 4.0  # s of the processor, of one call
@@ -99,6 +99,7 @@ def more_objects(folder: Path) -> dict[type, Any]:
         flexgen.CollisionDetector(robot, 1e-3),
         flexgen.predict(flexgen.read("elbow", overrides={"uncertainty": {"stiffness": 0.1}}), robots=16, **quiet),
         *(calibrated(), flexgen.Servo(flexgen.PPI()), record, flexgen.identify_servo("elbow", record, **quiet)),
+        flexgen.identify_gears("elbow", run.trajectory(), hysteresis=False, **quiet),
         flexgen.command_positions("elbow", solution=known[flexgen.Solution], **quiet),
     ]
     return known | {type(thing): thing for thing in objects}

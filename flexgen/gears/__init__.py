@@ -1,0 +1,1 @@
+"""Hysteresis, transmission errors and cogging, identified from motor angles and torques."""

@@ -1,0 +1,188 @@
+"""The arm behind motors that move as recorded, and the torques that these motors need.
+
+Motor angles q_m(t) are given, and with them the joints behind rigid gears. The other coordinates follow,
+
+    M_FF a_F = forces_F - M_FI a_I - ...,    z' = K_h (d' - |d'| z/W),
+
+and the rows of the motors give their torques. Springs hold the arm to its motors, so that errors of the model do not
+grow over a long record, as they do in a simulation under recorded torques.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from flexgen.errors import SolverError
+from flexgen.library.casadi_module import casadi_module, external
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.lagrangian import gears as gears_of
+from flexgen.mechanics.motor_harmonics import gear_angles, gear_rates
+from flexgen.mechanics.system import solve_symmetric
+from flexgen.model.elements import Dof
+from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.hysteretic_rate import generalized_force
+from flexgen.simulation.segments import Segments
+from flexgen.spec.fourier import FourierSum
+
+STABLE = 0.5  # integration step times the fastest eigenvalue, at most
+NEWTON_STEPS, AT_REST = 50, 1e-12
+
+
+@dataclass(frozen=True)
+class MotorMotion:
+    """Motor angles as a curve: ``time`` (n,) [s] at equal steps, and a quintic spline through the angles."""
+
+    time: np.ndarray
+    curve: BSpline
+
+    @classmethod
+    def through(cls, time: np.ndarray, q_m: np.ndarray) -> MotorMotion:
+        """The motion through angles (n, n_m) [rad]."""
+        return cls(time, make_interp_spline(time, q_m, k=5))
+
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Angles, speeds and accelerations (k, 3 n_m)."""
+        return np.hstack([self.curve(time, order) for order in range(3)])
+
+    def inputs(self, steps: int) -> np.ndarray:
+        """The same at start, middle and end of ``steps`` steps a sample: (steps (n - 1), 3, 3 n_m)."""
+        count = 2 * steps * (len(self.time) - 1)
+        rows = self.at(np.linspace(self.time[0], self.time[-1], count + 1))
+        return np.stack([rows[:-1:2], rows[1::2], rows[2::2]], axis=1)
+
+
+class DrivenArm:
+    """Simulates the arm of a model without hysteresis, to some of whose gears hysteresis is added.
+
+    Numbers p of a simulation: the parameters of the equations, then K_h and W of these gears, arm side, then the
+    coefficients of cosines and of sines of the transmission errors, gear by gear, then the largest rate K_h |d'|/W
+    [1/s] of a hysteresis: a faster one, of a narrow loop, is slowed down to it for the explicit integration.
+
+    Parameters
+    ----------
+    equations : Equations
+        With the numbers that may change as parameters; without transmission errors where they are added.
+    gears : sequence of int
+        Which gears have hysteresis.
+    errors : sequence of int
+        Which gears have a transmission error.
+    harmonics : sequence of int
+        Of these, of a turn of the motor.
+    """
+
+    def __init__(
+        self, equations: Equations, gears: Sequence[int], errors: Sequence[int] = (), harmonics: Sequence[int] = ()
+    ) -> None:
+        coefficients = ca.SX.sym("e", len(errors) * 2 * len(harmonics))
+        equations = _with_errors(equations, errors, harmonics, coefficients)
+        model, count, i_g = equations.model, len(gears), list(equations.model.i_g)
+        lag, (y, dy, ddy), inverse = equations.lagrangian, equations.y, np.linalg.inv(equations.model.eta)
+        rigid = [k for k, (gear, _) in enumerate(gears_of(model)) if gear.rigid]
+        imposed = [i_g[k] for k in rigid] + [model.n_a + k for k in range(len(model.i_m))]
+        of_motors = ca.SX(ca.DM(np.vstack([inverse[rigid], np.eye(model.n_m)[list(model.i_m)]])))
+        free = [i for i in range(model.dof) if i not in imposed]
+        motors, known = ca.SX.sym("u", 3 * model.n_m), ca.SX.sym("z", count)
+        q_m, v_m, a_m = ca.vertsplit(motors, model.n_m)
+        K_h, W = ca.SX.sym("K_h", count), ca.SX.sym("W", count)
+        z = ca.SX.zeros(model.n_g)
+        for k, gear in enumerate(gears):
+            z[gear] = known[k]
+
+        symbols = ca.vertcat(lag.tau_m, y[imposed], dy[imposed], ddy[imposed], ddy[free])
+        values = [ca.SX.zeros(model.n_m), *(ca.mtimes(of_motors, part) for part in (q_m, v_m, a_m))]
+        values = ca.vertcat(*values, ca.SX.zeros(len(free)))
+        residual = equations.left - lag.forces - generalized_force(equations.with_symbols, z, lag.q_m)
+        B = ca.jacobian(lag.forces, lag.tau_m)[imposed, :]
+        rates = gear_rates(equations.with_symbols, lag.q_m)
+        terms = [
+            ca.densify(x) for x in (residual, equations.mass, B, rates, gear_angles(equations.with_symbols, lag.q_m))
+        ]
+        residual, mass, B, rates, angles = ca.substitute(terms, [symbols], [values])
+        acceleration = solve_symmetric(mass[free, free], -residual[free])
+        need = residual[imposed] + ca.mtimes(mass[imposed, free], acceleration)
+        rate = ca.mtimes(rates, v_m) - ca.substitute(dy[i_g], symbols, values)
+        rate = ca.vertcat(ca.SX(0, 1), *(rate[k] for k in gears))
+        deflection = angles - ca.substitute(y[i_g], symbols, values)
+        x = ca.vertcat(y[free], dy[free], known)
+        largest = ca.SX.sym("largest")
+        p = ca.vertcat(equations.symbols, K_h, W, coefficients, largest)
+        slower = largest * W / ca.fmax(largest * W, K_h * ca.fabs(rate))
+        dx = ca.vertcat(dy[free], acceleration, slower * K_h * (rate - ca.fabs(rate) * known / W))
+
+        def function(name: str, output: ca.SX) -> ca.Function:
+            return ca.Function(name, [x, motors, p], [ca.cse(ca.densify(output))])
+
+        self.model, self.free, self.n_x = model, free, 2 * len(free) + count
+        self.rate, torque = function("driven_rate", dx), function("driven_torque", ca.solve(B, need))
+        self._torque = external(torque.name(), casadi_module(torque))
+        self._rest = function("driven_rest", ca.horzcat(residual[free], ca.jacobian(residual[free], y[free])))
+        self._deflections = function("driven_deflections", deflection)
+        self._change = function("driven_change", ca.jacobian(dx, x))
+
+    def rest(self, q_m: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """State (n_x,) at rest with z = 0 for motor angles (n_m,); SolverError where there is none."""
+        u, joints = np.concatenate([q_m, np.zeros(2 * self.model.n_m)]), np.zeros(self.model.dof)
+        joints[list(self.model.i_g)] = np.linalg.inv(self.model.eta) @ q_m
+        x, n = np.zeros(self.n_x), len(self.free)
+        x[:n] = joints[self.free]
+        for _ in range(NEWTON_STEPS):
+            found = np.array(self._rest(x, u, p))
+            step = np.linalg.solve(found[:, 1:], found[:, 0])
+            x[:n] -= step
+            if np.abs(step).max() < AT_REST:
+                return x
+        raise SolverError("the model does not rest at the motor angles of the record: check its stiffness and gravity")
+
+    def joint_speeds(self, v_m: np.ndarray) -> np.ndarray:
+        """Speeds of the free coordinates for motor speeds (n_m,) if the gears were rigid."""
+        joints = np.zeros(self.model.dof)
+        joints[list(self.model.i_g)] = np.linalg.inv(self.model.eta) @ v_m
+        return joints[self.free]
+
+    def deflections(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Deflections (n, n_g) of all gears, arm side, for states (n, n_x) and motor motions (n, 3 n_m)."""
+        return evaluate(self._deflections, x, u, p)[0].reshape(len(x), -1)
+
+    def fastest(self, poses: np.ndarray, p: np.ndarray) -> float:
+        """Largest size of an eigenvalue [1/s] at rest at motor angles (k, n_m)."""
+        found = 0.0
+        for q_m in poses:
+            u = np.concatenate([q_m, np.zeros(2 * self.model.n_m)])
+            values = np.linalg.eigvals(np.array(self._change(self.rest(q_m, p), u, p)))
+            found = max(found, float(np.abs(values).max()))
+        return found
+
+    def segments(self, sample_s: float, rate: float) -> Segments:
+        """The simulation from sample to sample, whose steps fit to the largest eigenvalue ``rate`` [1/s]."""
+        return Segments(self.rate, np.eye(self.n_x), sample_s, max(1, int(np.ceil(sample_s * rate / STABLE))))
+
+    def torques(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Motor torques (n, n_m) [N m] for states (n, n_x) and motor motions (n, 3 n_m)."""
+        (torque,) = evaluate(self._torque, x, u, p)
+        return torque.reshape(len(x), -1)
+
+
+def _with_errors(
+    equations: Equations, errors: Sequence[int], harmonics: Sequence[int], coefficients: ca.SX
+) -> Equations:
+    """The equations with transmission errors whose coefficients are these symbols."""
+    if not coefficients.numel():
+        return equations
+    robot, sums = equations.with_symbols, ca.vertsplit(coefficients, len(harmonics))
+    added = {robot.coordinates[robot.i_g[k]].name: sums[2 * n : 2 * n + 2] for n, k in enumerate(errors)}
+
+    def change(dof: Dof) -> Dof:
+        if dof.name not in added or dof.gear is None:
+            return dof
+        error = FourierSum(tuple(harmonics), *(tuple(ca.vertsplit(x)) for x in added[dof.name]))
+        return replace(dof, gear=replace(dof.gear, transmission_error=error))
+
+    elements = [replace(element, dofs=tuple(map(change, element.dofs))) for element in robot.elements]
+    made = Equations(equations.model, [parameter.name for parameter in equations.parameters])
+    made.symbols, made.with_symbols = equations.symbols, replace(robot, elements=tuple(elements))
+    return made

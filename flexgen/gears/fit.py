@@ -1,0 +1,363 @@
+"""Numbers of gears from motor angles and torques in the band of a record: Gauss-Newton on the driven arm.
+
+    min over theta of sum over f, j of |tau_j(f) - tau_j(f; q_m, theta)|^2 / S_j(f)
+
+theta: parameters of the model and K_h of each gear over their values at the start, its lost motion, and coefficients
+of its transmission error; then, linear in the torque, a viscous and a Coulomb friction, a constant torque and the
+cogging of each motor in addition to the model, and the time by which torques are recorded late. S: density of the
+residuals, at first that of the noise of the angles.
+
+The noise of the angles is in the regressors, too, and least squares would choose the parameters that pass least of it.
+So its part in the normal equations is subtracted: that of as much noise that is added to the record,
+
+    G(theta) = 2 J' r - mean J_+' r_+
+
+Standard deviations are those of a sandwich over blocks: errors of neighboring samples are alike.
+
+Source: W. Fuller, Measurement Error Models, 1987, ch. 3 (corrected normal equations); L. Ljung, System Identification,
+2nd ed. 1999, sec. 9.3 (covariance).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os import cpu_count
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.signal import welch
+from scipy.signal.windows import tukey
+
+from flexgen.errors import ArgumentError
+from flexgen.gears.driven_arm import DrivenArm, MotorMotion
+from flexgen.gears.signals import Signals
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.force_laws import stiffness_at_zero
+from flexgen.mechanics.lagrangian import gears as gears_of
+from flexgen.mechanics.parameters import with_values
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.trust_region import Sums, minimize
+
+STEP = 1e-3  # of differences in numbers over their values at the start, and lost motions
+REACH = 30.0  # of these, at most; the least is its inverse
+STIFF, NEAR = 0.2, 1.05  # K_h over its start, at least; factor from a bound at which a number is at it
+LOST = np.pi / 180 / 60  # rad or m: unit of lost motions in theta, 1 arcmin
+LEAST_LOST, MOST_LOST = 1e-3, 50.0  # of these units
+NO_LOST = 0.02  # of these units: what is below it is none
+SLOWEST = 2.0  # rate of a hysteresis times the integration step, at most
+POSES = 20  # of the record, where eigenvalues are computed
+STIFFER = 10.0  # K_h over its start up to which the integration is accurate
+CREEP = 0.01  # of the largest speed, below which Coulomb friction is smoothed
+FORGOTTEN = 1e-5  # of its first effect, or of the torques, to which that of the start has decayed
+BLOCK_S = 1.0  # of a record, within which residuals depend on each other
+CLOSE = (0.3, 0.05, 0.05)  # standard deviations from the minimum where the searches end
+
+CORRECTED, DRAWS = 3, 3  # steps with corrected normal equations; pairs of samples of noise
+LEAST_SIGNAL = 0.1  # part of the information in a direction that is not noise, else it is not determined
+RANK = 1e-13  # of the normal equations, relative
+FREE = 1e6  # standard deviation of priors that say nothing
+FLOOR = (2e-3, 1e-4)  # of the torques: residuals that are not weighted as if they were smaller, at first and later
+PIECE = 512  # samples of the pieces whose mean is a density
+TAPER = 0.05  # of the record, in which both ends are faded
+FRICTIONS = 3  # regressors of each motor besides cogging: viscous, Coulomb, constant
+ERROR_STEP = 1e-6  # rad or m, of differences in a transmission error
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """``theta`` (n,), its ``covariance``, residuals ``error`` (k, n_m) [N m], and whether the search ``converged``."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    error: np.ndarray
+    converged: bool
+    steps: int
+
+
+@dataclass(frozen=True)
+class Sought:
+    """What is fitted besides the parameters of the equations.
+
+    ``gears``: those with hysteresis, ``K_h`` [N m/rad, arm side] and ``lost`` motion [rad or m] where the search
+    begins; ``errors``: gears with a transmission error, of these ``harmonics``; ``cogging``: harmonics of all motors.
+    """
+
+    gears: tuple[int, ...]
+    K_h: np.ndarray
+    lost: np.ndarray
+    errors: tuple[int, ...] = ()
+    harmonics: tuple[int, ...] = ()
+    cogging: tuple[int, ...] = ()
+
+
+class GearModel:
+    """Torques of a record as a function of theta.
+
+    Parameters
+    ----------
+    equations : Equations
+        Without what is sought; parameters: the numbers that are fitted too.
+    sought : Sought
+    signals : Signals
+    """
+
+    def __init__(self, equations: Equations, sought: Sought, signals: Signals) -> None:
+        self.equations, self.sought, self.signals = equations, sought, signals
+        self.names = tuple(parameter.name for parameter in equations.parameters)
+        values = np.array([parameter.value for parameter in equations.parameters])
+        self.n_m, self.count = equations.model.n_m, len(sought.gears)
+        self.parts = len(values) + self.count  # entries of theta: over their start, lost motions, errors, linear ones
+        self.errors = self.parts + self.count
+        self.bent = self.errors + 2 * len(sought.errors) * len(sought.harmonics)  # of which the simulation depends
+        linear = (FRICTIONS + 2 * len(sought.cogging)) * self.n_m + 1
+        self.start = np.zeros(self.bent + linear)
+        self.units = np.ones(len(self.start))
+        self.units[: self.errors] = np.concatenate([values, sought.K_h, np.full(self.count, LOST)])
+        self.start[: self.parts] = 1.0
+        self.start[self.parts : self.errors] = np.clip(sought.lost / LOST, LEAST_LOST, MOST_LOST)
+        self.arm = DrivenArm(equations, sought.gears, sought.errors, sought.harmonics)
+        self.motion = MotorMotion.through(signals.time, signals.q_m)
+        poses = signals.q_m[np.linspace(0, len(signals.time) - 1, POSES).astype(int)]
+        steep = self.start.copy()
+        steep[len(values) : self.parts] *= STIFFER
+        self.largest = 1e12
+        self.segments = self.arm.segments(signals.sample_s, self.arm.fastest(poses, self.numbers(steep)))
+        self.largest = SLOWEST / self.segments.step
+        self.measured, self.first = signals.torques(signals.tau_m), 0
+        self.late = np.gradient(self.measured, signals.sample_s, axis=0)
+        self.first = self._forgets()
+        self.measured, self.late = self.measured[self.first :], self.late[self.first :]
+
+    def numbers(self, theta: np.ndarray) -> np.ndarray:
+        """Numbers of the driven arm."""
+        found, n = self.units * theta, len(self.names)
+        values, K_h, lost, errors = np.split(found[: self.bent], [n, self.parts, self.errors])
+        model = with_values(self.equations.model, dict(zip(self.names, values.tolist(), strict=True)))
+        W = lost * gear_stiffness(model)[list(self.sought.gears)] / 2
+        return np.concatenate([values, K_h, W, errors, [self.largest]])
+
+    def torques(self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None) -> np.ndarray:
+        """Torques (points, k, n_m) in the band, from where the start is forgotten; ``start``: a state (n_x,)."""
+        inputs, at = motion.inputs(self.segments.steps), motion.at(motion.time)
+        out, linear = [], self.regressors(motion)
+
+        numbers = [self.numbers(theta) for theta in points]
+        starts = [self.arm.rest(at[0, : self.n_m], p) if start is None else start for p in numbers]
+        with ThreadPoolExecutor(max(1, cpu_count() or 1), "gears") as pool:  # of calls of C, which share nothing
+            states = pool.map(self._simulate, numbers, [inputs] * len(numbers), starts)
+            for theta, x in zip(points, states, strict=True):
+                found = self.signals.torques(self.arm.torques(x, at, self.numbers(theta)))
+                out.append(found[self.first :] + linear @ theta[self.bent :])
+        return np.array(out)
+
+    def regressors(self, motion: MotorMotion) -> np.ndarray:
+        """Derivatives (k, n_m, linear) of the torques in frictions, constants, cogging and delay."""
+        n, at = self.n_m, motion.at(motion.time)
+        q, v = at[:, :n], at[:, n : 2 * n]
+        largest = np.abs(v).max(axis=0) + 1e-300
+        parts = [v, np.tanh(v / (CREEP * largest)), np.ones_like(v)]
+        for k in self.sought.cogging:  # which helps the motor
+            parts += [-np.cos(k * q), -np.sin(k * q)]
+        smooth = [self.signals.torques(part) for part in parts]
+        out = np.zeros((*smooth[0].shape, len(parts) * n + 1))
+        for k, part in enumerate(smooth):
+            for j in range(n):
+                out[:, j, k * n + j] = part[:, j]
+        out = out[self.first :]
+        out[:, :, -1] = -self.late
+        return out
+
+    def derivatives(self, theta: np.ndarray, motion: MotorMotion) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (k, n_m) and their derivatives (k, n_m, n) at theta."""
+        steps = np.where(np.arange(self.bent) < self.errors, STEP, ERROR_STEP)
+        moved = [theta + step * (np.arange(len(theta)) == k) for k, step in enumerate(steps)]
+        found = self.torques([theta, *moved], motion)
+        J = np.moveaxis(found[1:] - found[0], 0, -1) / steps
+        return found[0] - self.measured, np.concatenate([J, self.regressors(motion)], axis=2)
+
+    def more_noise(self, seed: int, factor: float = 1.0) -> MotorMotion:
+        """The motion with as much noise of the angles as the record has, once more, times a factor."""
+        signals = self.signals
+        return MotorMotion.through(
+            signals.time, signals.q_m + factor * signals.angle_noise(np.random.default_rng(seed))
+        )
+
+    def change_by_noise(self, theta: np.ndarray) -> np.ndarray:
+        """What more noise of the angles changes in the torques (k, n_m)."""
+        return self.torques([theta], self.more_noise(0))[0] - self.torques([theta], self.motion)[0]
+
+    def noise(self, theta: np.ndarray) -> np.ndarray:
+        """Standard deviation (n_m,) of residuals that are noise of angles and torques [N m]."""
+        return np.asarray(np.hypot(self.change_by_noise(theta).std(axis=0), self.signals.torque_noise))
+
+    def loops(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Deflections, torques of the hysteresis, and these with the residuals: (k, gears, 3), arm side."""
+        p, gears, at = self.numbers(theta), list(self.sought.gears), self.motion.at(self.motion.time)
+        x = self._simulate(p, self.motion.inputs(self.segments.steps), self.arm.rest(at[0, : self.n_m], p))
+        kept = slice(self.signals.margin + self.first, len(at) - self.signals.margin)
+        d, z = self.arm.deflections(x[kept], at[kept], p)[:, gears], x[kept, x.shape[1] - self.count :]
+        return np.stack([d, z, z - (error @ self.equations.model.eta)[:, gears]], axis=2)
+
+    def _simulate(self, p: np.ndarray, inputs: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """States (n, n_x) at the samples from a state, with the numbers p."""
+        no_offset = np.zeros((1, inputs.shape[2]))
+        return self.segments(start[None], inputs[None], np.zeros(1, np.int64), no_offset, p[None])[0]
+
+    def _forgets(self) -> int:
+        """The first sample of the filtered torques that does not depend on how the motion began."""
+        p, n, at = self.numbers(self.start), len(self.arm.free), self.motion.at(self.motion.time[:1])[0]
+        rest = self.arm.rest(at[: self.n_m], p)
+        moving, full = rest.copy(), rest.copy()
+        slip = p[self.parts : self.errors]
+        moving[2 * n :], full[2 * n :] = -slip, slip
+        moving[n : 2 * n] = self.arm.joint_speeds(at[self.n_m : 2 * self.n_m])
+        first, second = (self.torques([self.start], self.motion, x)[0] for x in (moving, full))
+        difference = np.abs(first - second)
+        small = FORGOTTEN * np.maximum(difference.max(axis=0), np.std(self.measured, axis=0))
+        late = np.flatnonzero((difference > small).any(axis=1))
+        first_sample = int(late[-1]) + 1 if late.size else 0
+        if first_sample > len(difference) / 2:
+            raise ArgumentError(
+                "record: given a motion in which the gears do not forget how it began, expected reversals whose "
+                "torques are several times those of the hysteresis, and a longer record"
+            )
+        return first_sample
+
+
+class Whitening:
+    """Weights of frequencies with which a noise (k, n_m) becomes white; none above the band; ``floor``: see `FLOOR`."""
+
+    def __init__(self, noise: np.ndarray, model: GearModel, floor: float) -> None:
+        n, signals = len(noise), model.signals
+        f, power = welch(noise, 1.0, nperseg=min(n, PIECE), axis=0, detrend=False)
+        least, at = floor * np.std(model.measured, axis=0), np.fft.rfftfreq(n)
+        power = np.array([np.interp(at, f, each) for each in power.T]).T / 2 + least**2
+        self._taper, inside = tukey(n, TAPER), at / signals.sample_s <= signals.band_hz
+        self._weight = inside[:, None] / np.sqrt(power)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Rows (k, n_m, ...) with these weights."""
+        end = (1,) * (x.ndim - 2)
+        found = np.fft.rfft(x * self._taper.reshape(-1, 1, *end), axis=0) * self._weight.reshape(
+            *self._weight.shape, *end
+        )
+        return np.asarray(np.fft.irfft(found, len(x), axis=0))
+
+
+def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
+    """Fit theta: least squares with two sets of weights, then steps with corrected normal equations."""
+    theta, free, (lower, upper) = model.start, np.full(len(model.start), FREE), _bounds(model)
+    white, steps = Whitening(model.change_by_noise(theta), model, FLOOR[0]), 0
+
+    def cost(theta: np.ndarray) -> float:
+        return float((white(model.torques([theta], model.motion)[0] - model.measured) ** 2).sum())
+
+    def sums(theta: np.ndarray) -> Sums:
+        nonlocal steps
+        steps += 1
+        e, J = model.derivatives(theta, model.motion)
+        tell(f"step {steps}: {100 * _misfit(e, model.measured):.3g} % of the torques unexplained")
+        r, J = white(e).ravel(), white(J).reshape(e.size, -1)
+        return float(r @ r), J.T @ r, J.T @ J
+
+    for close in CLOSE:
+        fit = minimize(sums, cost, theta, theta, free, (lower, upper), distance=close)
+        theta = fit.x
+        white = Whitening(model.torques([theta], model.motion)[0] - model.measured, model, FLOOR[1])
+        dropped = _drop(model, theta, lower, upper)
+        if not dropped and close != CLOSE[0]:
+            break
+    tell("subtracting the part of the noise")
+    first, (J, noise, bend, H, unknown) = theta, _correct(model, theta, white, lower < upper)
+    for _ in range(CORRECTED):
+        error = model.torques([theta], model.motion)[0] - model.measured
+        scores = np.einsum("njp,nj->np", J, white(error)) - noise
+        change = H @ (scores.sum(axis=0) - bend @ (theta - first))
+        last, theta = theta, np.clip(theta - change, lower, upper)
+    block = max(1, round(BLOCK_S / model.signals.sample_s))
+    blocks = np.add.reduceat(scores, np.arange(0, len(scores), block))
+    covariance = H @ (blocks.T @ blocks) @ H + unknown
+    left = np.einsum("njp,p->nj", J, theta - last)
+    converged = fit.converged and float((left**2).sum()) < 1.0  # standard deviation of the record, squared
+    return Estimate(last, covariance, error, converged, steps)
+
+
+def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest theta."""
+    lower, upper = np.full(len(model.start), -np.inf), np.full(len(model.start), np.inf)
+    lower[: model.parts], upper[: model.parts] = 1 / REACH, REACH
+    lower[model.parts - model.count : model.parts] = STIFF
+    lower[model.parts : model.errors], upper[model.parts : model.errors] = LEAST_LOST, MOST_LOST
+    return lower, upper
+
+
+def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
+    """Fix gears at no hysteresis whose loop is narrow, or whose K_h is at a bound, as part of a spring; whether any."""
+    n, any_dropped = model.parts - model.count, False
+    for k in range(model.count):
+        K_h, lost = n + k, model.parts + k
+        inside = lower[K_h] * NEAR < theta[K_h] < upper[K_h] / NEAR and theta[lost] > NO_LOST
+        if not inside and lower[lost] < upper[lost]:
+            theta[K_h], theta[lost], any_dropped = 1.0, LEAST_LOST, True
+            lower[K_h] = upper[K_h] = 1.0
+            lower[lost] = upper[lost] = LEAST_LOST
+    return any_dropped
+
+
+def _correct(
+    model: GearModel, theta: np.ndarray, white: Whitening, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Corrected normal equations at theta for numbers that are free; samples of noise come in pairs of both signs.
+
+    Returns
+    -------
+    J : array (k, n_m, n)
+        Weighted derivatives.
+    noise : array (k, n)
+        Part of the noise in the gradient.
+    bend : array (n, n)
+        Its derivative in theta.
+    H, unknown : arrays (n, n)
+        Inverse of the matrix; the covariance by the samples of noise, and of directions that the noise does not let
+        determine: 100 % of the number that a direction moves most.
+    """
+    e, J = model.derivatives(theta, model.motion)
+    r, J = white(e), white(J * free)
+    raw, noise = np.einsum("njp,njq->pq", J, J), -np.einsum("njp,nj->np", J, r)
+    A, sums = 2 * raw, []
+    for seed in range(DRAWS):
+        pair = np.zeros_like(noise)
+        for sign in (1.0, -1.0):
+            e_more, J_more = model.derivatives(theta, model.more_noise(seed, sign))
+            r_more, J_more = white(e_more), white(J_more * free)
+            pair += np.einsum("njp,nj->np", J_more, r_more) / 2
+            A -= np.einsum("njp,njq->pq", J_more, J_more) / (2 * DRAWS)
+        noise += pair / DRAWS
+        sums.append(pair.sum(axis=0))
+    spread = np.cov(np.array(sums).T) / DRAWS  # of the part of the noise, from its samples
+    scale, inverse = np.sqrt(np.diag(raw)), np.zeros_like(raw)
+    part = np.flatnonzero(free & (scale > 0.0))
+    at, unit = np.ix_(part, part), np.eye(len(part))
+    both = np.outer(scale[part], scale[part])
+    values, vectors = eigh(A[at] / both, raw[at] / both + RANK * unit)  # 1 where there is no noise
+    known = values > LEAST_SIGNAL
+    inverse[at] = (vectors[:, known] / values[known]) @ vectors[:, known].T / both
+    lost = np.eye(len(theta))[:, [k for k in range(len(theta)) if k not in part]]
+    directions = np.zeros((len(theta), int((~known).sum())))
+    directions[part] = vectors[:, ~known] / scale[part, None]
+    # as large as the number that it moves most
+    directions = directions / np.abs(directions[: model.errors]).max(axis=0, initial=1e-300)
+    return J, noise, raw - A, inverse, inverse @ spread @ inverse + lost @ lost.T + directions @ directions.T
+
+
+def _misfit(error: np.ndarray, measured: np.ndarray) -> float:
+    """Root of the mean square of residuals over that of the torques, the largest of all motors."""
+    return float((np.std(error, axis=0) / np.maximum(np.std(measured, axis=0), 1e-300)).max())
+
+
+def gear_stiffness(model: RobotModel) -> np.ndarray:
+    """Stiffness at zero of the springs of all gears (n_g,) [N m/rad or N/m], arm side; infinite for rigid ones."""
+    found = [np.inf if g.spring is None else ratio**2 * stiffness_at_zero(g.spring) for g, ratio in gears_of(model)]
+    return np.array(found)

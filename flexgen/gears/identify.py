@@ -1,0 +1,225 @@
+"""`identify_gears`: hysteresis and transmission errors of gears from a record of motor angles and torques."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from flexgen.counts import show_value
+from flexgen.errors import ArgumentError
+from flexgen.gears.fit import FRICTIONS, LOST, NO_LOST, Estimate, GearModel, Sought, estimate, gear_stiffness
+from flexgen.gears.result import WEAK, GearFit, GearStatus, Number
+from flexgen.gears.signals import signals_of
+from flexgen.mechanics.equations import derive, robot_of
+from flexgen.mechanics.hysteresis import gear_hysteresis, without_hysteresis
+from flexgen.mechanics.lagrangian import gears as gears_of
+from flexgen.mechanics.parameters import Parameter, select
+from flexgen.model.elements import Coordinate, RobotModel
+from flexgen.model.friction import refuse_harmonics
+from flexgen.progress import Choice, reported
+from flexgen.spec.fourier import HIGHEST, MOST
+from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_types
+
+NOISE, LEAST = 1.5, 5e-4  # residuals over those that noise explains, and over the torques: more is a model error
+
+
+@checked_types(own=("band_hz", "harmonics", "cogging"))
+@reported("identify_gears")
+def identify_gears(
+    model: str | FilePath | RobotModel,
+    record: Trajectory | str | FilePath,
+    *,
+    joints: Sequence[str] | None = None,
+    hysteresis: bool = True,
+    harmonics: Sequence[int] = (),
+    cogging: Sequence[int] = (),
+    free: Sequence[str] | None = None,
+    band_hz: float | None = None,
+    progress: Choice = None,
+) -> GearFit:
+    """Identify hysteresis, transmission errors and cogging from a record of motor angles and torques.
+
+    The laws are those of the keys ``hysteresis``, ``transmission_error`` and ``cogging`` of a model file. The equations
+    of motion are those of the model, with the motors where they were measured; see `flexgen.gears.fit`.
+
+    Parameters
+    ----------
+    model : name, path or RobotModel
+        Masses, inertias and payload as they are.
+    record : Trajectory, or the name of its file
+        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, at equal steps, of a minute of motion. Gears with
+        hysteresis reverse in it under torques that are several times those of their hysteresis.
+    joints : sequence of str, optional
+        Those whose gears are identified; default: all with an elastic gear.
+    hysteresis : bool
+        Fit their hysteresis.
+    harmonics : sequence of int
+        Of the transmission errors of these gears, periods in a turn of the motor; default: none.
+    cogging : sequence of int
+        Harmonics of the cogging of all motors; default: none.
+    free : sequence of str, optional
+        Other numbers of the model that are fitted too, see `flexgen.mechanics.parameters`; default: stiffness and
+        damping of these gears. Frictions and constant torques of the motors, and a delay of the torques, always are.
+    band_hz : float, optional [Hz]
+        Frequencies that are compared; default: as far as the motion is above the noise of the angles.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    GearFit
+
+    Raises
+    ------
+    ArgumentError
+        The record does not fit the model, is too short, or the gears do not forget how it began.
+    SolverError
+        The simulated motion is not finite.
+
+    Examples
+    --------
+    >>> error = {"harmonics": [1], "cos": [5e-5]}  # rad at the joint
+    >>> robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.transmission_error": error})
+    >>> record = flexgen.control(robot, sample_time=1e-3).trajectory()
+    >>> found = flexgen.identify_gears("elbow", record, hysteresis=False, harmonics=[1])
+    >>> f"{found.values['q1.transmission_error.cos_1']:.2e} rad"
+    '5.00e-05 rad'
+    """
+    tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
+    robot = robot_of(model)
+    refuse_harmonics(robot, "identify_gears")
+    record = record if isinstance(record, Trajectory) else Trajectory.load(record)
+    signals = signals_of(record, robot.n_m, band_hz)
+    chosen = _choose(robot, joints)
+    gears = chosen if hysteresis else ()
+    names = [robot.coordinates[robot.i_g[k]].name for k in chosen]
+    free = [f"{name}.{kind}" for name in names for kind in ("stiffness", "damping")] if free is None else list(free)
+    plain = without_hysteresis(robot)
+    fitted = [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
+    law, K, at = gear_hysteresis(robot), gear_stiffness(plain), list(gears)
+    K_h = np.where(law.present, law.stiffness, K)[at]
+    lost = np.where(law.present, 2 * law.slip / K, LOST)[at]
+    orders, of_motors = _orders("harmonics", harmonics), _orders("cogging", cogging)
+    sought = Sought(gears, K_h, lost, chosen if orders else (), orders, of_motors)
+    fit = GearModel(derive(plain, [parameter.name for parameter in fitted]), sought, signals)
+    return _result(robot, fitted, fit, estimate(fit, tell))
+
+
+def _orders(name: str, given: Sequence[int]) -> tuple[int, ...]:
+    """Harmonics in rising order; ArgumentError where they are none."""
+    found: list[Any] = list(given) if isinstance(given, (list, tuple)) else [given]
+    whole = all(type(k) is int and 1 <= k <= HIGHEST for k in found)
+    if not whole or len(set(found)) < len(found) or len(found) > MOST:
+        raise ArgumentError(
+            f"{name}: given {show_value(given)}, expected at most {MOST} different whole numbers from 1 to {HIGHEST}"
+        )
+    return tuple(sorted(found))
+
+
+def _choose(robot: RobotModel, joints: Sequence[str] | None) -> tuple[int, ...]:
+    """Numbers of the elastic gears of these joints; None: of all."""
+    elastic = {
+        robot.coordinates[i].name: k
+        for k, (i, (gear, _)) in enumerate(zip(robot.i_g, gears_of(robot), strict=True))
+        if gear.spring is not None
+    }
+    if not elastic:
+        raise ArgumentError(f"{robot.title}: given a model without elastic gears, expected one with some")
+    wrong = [name for name in joints or () if name not in elastic]
+    if wrong:
+        raise ArgumentError(f"joints: given {show_value(wrong)}, expected some of {', '.join(elastic)}")
+    return tuple(k for name, k in elastic.items() if joints is None or name in joints)
+
+
+def _result(robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, found: Estimate) -> GearFit:
+    """The numbers of the model that a fit found, with its status."""
+    noise, error, size = fit.noise(found.theta), found.error.std(axis=0), fit.measured.std(axis=0)
+    status = GearStatus.FITTED
+    if not found.converged or not np.isfinite(found.covariance).all():
+        status = GearStatus.NOT_CONVERGED
+    if (error > np.hypot(NOISE * noise, LEAST * size)).any():
+        status = GearStatus.MODEL_ERROR
+    numbers = _Numbers(robot, fitted, fit, found).all()
+    joints = tuple(robot.coordinates[robot.i_g[k]].name for k in fit.sought.gears)
+    return GearFit(
+        robot, numbers, status, error, noise, fit.signals.band_hz, float(found.theta[-1]), joints,
+        fit.loops(found.theta, found.error), fit.sought.harmonics, fit.sought.cogging,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """The entries of theta as numbers of the model."""
+
+    robot: RobotModel
+    fitted: Sequence[Parameter]
+    fit: GearModel
+    found: Estimate
+
+    def all(self) -> tuple[Number, ...]:
+        """Parameters, hysteresis, transmission errors, cogging."""
+        return (*self._parameters(), *self._hysteresis(), *self._errors(), *self._cogging())
+
+    def _at(self, k: int) -> tuple[float, float]:
+        """The number of entry k, and its standard deviation."""
+        unit, sd = float(self.fit.units[k]), np.sqrt(max(self.found.covariance[k, k], 0.0))
+        return unit * float(self.found.theta[k]), unit * float(sd)
+
+    def _parameters(self) -> list[Number]:
+        found = [(parameter, *self._at(k)) for k, parameter in enumerate(self.fitted)]
+        return [Number(p.name, x, sd, p.unit, (p.key, "", -1), sd < WEAK * x) for p, x, sd in found]
+
+    def _hysteresis(self) -> list[Number]:
+        out, n, count = [], len(self.fitted), len(self.fit.sought.gears)
+        for at, k in enumerate(self.fit.sought.gears):
+            joint, key = self._joint(k)
+            unit, ratio = joint.unit, gears_of(self.robot)[k][1]
+            lost, (K_h, sd) = self._at(n + count + at), self._at(n + at)
+            stiff = K_h / ratio**2, sd / ratio**2
+            known = all(sd < WEAK * x for x, sd in (lost, stiff)) and lost[0] > NO_LOST * LOST
+            for name, own, found in (
+                ("lost_motion", unit, lost),
+                ("stiffness", "N/m" if unit == "m" and ratio == 1.0 else "N m/rad", stiff),
+            ):
+                change = (f"{key}.hysteresis", name, -1)
+                out.append(Number(f"{joint.name}.hysteresis.{name}", *found, own, change, known))
+        return out
+
+    def _errors(self) -> list[Number]:
+        out, k, orders = [], self.fit.errors, self.fit.sought.harmonics
+        for gear in self.fit.sought.errors:
+            joint, key = self._joint(gear)
+            pairs = [(k + at, k + len(orders) + at) for at in range(len(orders))]
+            out += self._sum(f"{joint.name}.transmission_error", joint.unit, f"{key}.transmission_error", orders, pairs)
+            k += 2 * len(orders)
+        return out
+
+    def _cogging(self) -> list[Number]:
+        out, n, orders = [], self.fit.n_m, self.fit.sought.cogging
+        first = self.fit.bent + FRICTIONS * n
+        for j, motor in enumerate(self.robot.motors):
+            pairs = [(first + 2 * at * n + j, first + (2 * at + 1) * n + j) for at in range(len(orders))]
+            out += self._sum(f"{motor.name}.cogging", "N m", f"motor.{motor.name}.cogging", orders, pairs)
+        return out
+
+    def _sum(
+        self, name: str, unit: str, key: str, orders: Sequence[int], pairs: Sequence[tuple[int, int]]
+    ) -> list[Number]:
+        """Coefficients of a Fourier sum, whose entries of theta are ``pairs``; determined by their amplitude."""
+        out = []
+        for at, (order, pair) in enumerate(zip(orders, pairs, strict=True)):
+            (c, c_sd), (s, s_sd) = (self._at(k) for k in pair)
+            known = max(c_sd, s_sd) < WEAK * np.hypot(c, s)
+            out.append(Number(f"{name}.cos_{order}", c, c_sd, unit, (key, "cos", at), known))
+            out.append(Number(f"{name}.sin_{order}", s, s_sd, unit, (key, "sin", at), known))
+        return out
+
+    def _joint(self, gear: int) -> tuple[Coordinate, str]:
+        """The coordinate of a gear, and the key of the gear in the model file."""
+        joint = self.robot.coordinates[self.robot.i_g[gear]]
+        places = {dof.name: element.name for element in self.robot.elements for dof in element.dofs}
+        return joint, f"element.{places[joint.name]}.dof.{joint.name}.gear"

@@ -1,0 +1,214 @@
+"""What `flexgen.identify_gears` returns: numbers of gears with standard deviations, and the model that has them."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.atomic_files import write_text
+from flexgen.display import Figure, figure_rows, plain
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.results import Result
+from flexgen.spec.explained_status import ExplainedStatus
+from flexgen.spec.toml_text import toml
+from flexgen.type_checks import checked_result
+
+WEAK = 0.5  # standard deviation over a number, above which the record does not determine it
+VARIANT = "identified"
+
+
+class GearStatus(ExplainedStatus):
+    """Status of the identification of gears."""
+
+    FITTED = ("fitted", "The model agrees with the record within the noise.", "Use the changes of the model.")
+    MODEL_ERROR = (
+        "model error",
+        "The model differs from the record by more than the noise.",
+        "Look at the loops of the picture: a wrong mass or payload, a missing spring, another friction, hysteresis or "
+        "transmission error. Standard deviations are not given: the errors may be many times those that noise causes.",
+    )
+    NOT_CONVERGED = (
+        "not converged",
+        "The search for the best numbers did not come to an end.",
+        "Do not use the numbers; begin with a model that is nearer to the robot, or fit fewer numbers.",
+    )
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that was identified: ``value`` and standard deviation ``sd``; ``change``: where the model has it.
+
+    ``change``: dotted key of the model file, the key in its table or an empty text, and the index in its list or -1.
+    ``determined``: by itself, or as an amplitude together with others.
+    """
+
+    name: str
+    value: float
+    sd: float
+    unit: str
+    change: tuple[str, str, int]
+    determined: bool
+
+
+@checked_result
+@dataclass(frozen=True, eq=False, repr=False)
+class GearFit(Result):
+    """Hysteresis and transmission errors of gears, identified from motor angles and torques.
+
+    Attributes
+    ----------
+    robot : RobotModel
+        The model before.
+    numbers : tuple of Number
+        Names: of parameters of the model, and ``JOINT.hysteresis.lost_motion`` [rad or m at the joint],
+        ``JOINT.hysteresis.stiffness`` [N m/rad, side of the spring], ``JOINT.transmission_error.cos_K`` and ``sin_K``
+        of the harmonic K [rad or m at the joint], ``MOTOR.cogging.cos_K`` and ``sin_K`` [N m].
+    status : GearStatus
+    unexplained, noise : arrays (n_m,) [N m]
+        Root mean square of measured minus computed torques in the band, and the part of it that noise explains.
+    band_hz : float [Hz]
+        Frequencies that were compared.
+    delay_s : float [s]
+        Time by which torques were recorded later than angles.
+    joints : tuple of str (k,)
+        Joints of the loops.
+    loops : array (n, k, 3)
+        Deflections, torques z of the hysteresis, and these with what is unexplained, arm side.
+    harmonics, cogging : mappings of str to tuple of int
+        Harmonics of each joint's transmission error, and of each motor's cogging.
+
+    Examples
+    --------
+    >>> flexgen.GearFit.__name__
+    'GearFit'
+    """
+
+    robot: RobotModel
+    numbers: tuple[Number, ...]
+    status: GearStatus
+    unexplained: np.ndarray
+    noise: np.ndarray
+    band_hz: float
+    delay_s: float
+    joints: tuple[str, ...]
+    loops: np.ndarray
+    harmonics: tuple[int, ...] = ()
+    cogging: tuple[int, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<GearFit {self.robot.title}: {self.sentence()}>"
+
+    def __str__(self) -> str:
+        """The figures as lines."""
+        rows = [f"  {name}: {text}" for name, text in self._rows()]
+        return "\n".join([f"{self.robot.title}: {self.sentence()}", *rows])
+
+    @property
+    def problem(self) -> str:
+        """Why the numbers cannot be used as they are."""
+        return "" if self.status is GearStatus.FITTED else f"{self.status}: {self.status.sentence} {self.status.advice}"
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Name -> value of all numbers."""
+        return {number.name: number.value for number in self.numbers}
+
+    @property
+    def sd(self) -> dict[str, float | None]:
+        """Name -> standard deviation; None unless the status is "fitted"."""
+        stated = self.status is GearStatus.FITTED
+        return {number.name: number.sd if stated else None for number in self.numbers}
+
+    def sentence(self) -> str:
+        """The result in words."""
+        found = list(dict.fromkeys(n.name.rpartition(".")[0] for n in self.numbers if n.determined and n.change[1]))
+        words = ", ".join(name.replace("_", " ") for name in found) or "nothing that the record determines"
+        return words if self.status is GearStatus.FITTED else f"{self.status}, {words}"
+
+    @cached_property
+    def changes(self) -> dict[str, Any]:
+        """Dotted key of the model file -> value, of what the record determines; for ``overrides`` and ``--set``."""
+        changes: dict[str, Any] = {}
+        for number in self.numbers:
+            key, name, index = number.change
+            if not number.determined:
+                continue
+            if not name:
+                changes[key] = number.value
+            elif index < 0:
+                changes.setdefault(key, {})[name] = number.value
+            else:
+                orders = list(self.cogging if key.startswith("motor.") else self.harmonics)
+                empty = {"harmonics": orders, "cos": [0.0] * len(orders), "sin": [0.0] * len(orders)}
+                changes.setdefault(key, empty)[name][index] = number.value
+        return changes
+
+    @property
+    def model(self) -> RobotModel:
+        """The model with the changes; the one before comes from a file."""
+        return read(self.robot.file, self.robot.variant or None, overrides=self.changes)
+
+    def save(self, path: str | Path) -> Path:
+        """Write ``.toml``: the model file with the changes as its variant ``identified``; ``.json``: the numbers.
+
+        Returns
+        -------
+        Path
+            The file; the model is ``FILE@identified``.
+
+        Raises
+        ------
+        ArgumentError
+            The model has no file, or is a variant of one.
+        """
+        if Path(path).suffix != ".toml":
+            return super().save(path)
+        file = Path(self.robot.file)
+        if not file.is_file() or file.suffix != ".toml" or self.robot.variant or VARIANT in self.robot.variants:
+            raise ArgumentError(
+                f"path: given {str(path)!r} for {self.robot.title}, expected a model from a .toml file, not a "
+                f"variant, and without a variant {VARIANT!r}; the numbers are in `changes` and in .json"
+            )
+        sets = ", ".join(f"{toml(key)} = {toml(value)}" for key, value in self.changes.items())
+        lines = [
+            f"[variant.{VARIANT}]",
+            f'description = "gears identified from motor angles and torques: {self.status}"',
+        ]
+        text = "\n".join([file.read_text(encoding="utf-8").rstrip(), "", *lines, f"set = {{ {sets} }}", ""])
+        with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
+            read(write_text(Path(folder) / "model.toml", text), VARIANT)
+        return write_text(Path(path), text)
+
+    def figures(self) -> tuple[Figure, ...]:
+        """The figures in SI units, for tables."""
+        rows = []
+        for number in self.numbers:
+            text = f"{number.value:.4g}" if number.determined else "not determined"
+            if number.determined and self.status is GearStatus.FITTED:
+                text += f" +- {number.sd:.2g}"
+            rows.append(Figure(number.name, text, number.unit if number.determined else "", number.name))
+        worst = int(np.argmax(self.unexplained / self.noise))
+        return (
+            *rows,
+            Figure("unexplained torque, root mean square", float(self.unexplained[worst]), "N m", "unexplained_Nm"),
+            Figure("noise in it", float(self.noise[worst]), "N m", "noise_Nm"),
+            Figure("compared up to", self.band_hz, "Hz", "band_hz"),
+            Figure("torques recorded late by", self.delay_s, "s", "delay_s"),
+        )
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return figure_rows(self.figures())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, standard deviations where they are stated, and changes of the model, as JSON types, SI units."""
+        found: Mapping[str, Any] = {name: plain(getattr(self, name)) for name in ("values", "sd", "changes", "status")}
+        others = {name: plain(getattr(self, name)) for name in ("unexplained", "noise", "band_hz", "delay_s")}
+        return {"model": self.robot.title, **found, **others}

@@ -1,0 +1,78 @@
+"""Records of motor angles and torques of robots in MuJoCo that follow sums of sines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from hysteretic import Plant, feedback_gains
+
+import flexgen
+from flexgen.exports.mujoco_checks import with_friction
+from flexgen.mechanics.statics import hold_joints
+from flexgen.spec.ports import Port
+from flexgen.trajectory import Trajectory
+
+FIRM = 4.0  # factor of the feedback's stiffness, twice that of its damping: the natural frequency is doubled
+START_S = 2.0  # in which the motion begins
+
+
+def record_in_mujoco(
+    name: str,
+    made: Callable[[np.ndarray], tuple[Any, Any]],
+    seconds: float,
+    *,
+    size: float = 0.25,
+    fastest: float = 2.0,
+    lines: int = 12,
+    seed: int = 1,
+    step: float = 2e-4,
+    sample: float = 1e-3,
+) -> Trajectory:
+    """Angles and torques about the home of a model; ``made(deflections at rest)``: law and kept of `Plant`.
+
+    Each joint follows ``lines`` sines up to ``fastest`` Hz, ``size`` [rad]: of their sum, about.
+    """
+    model = with_friction(flexgen.read(name), "viscous")
+    rest = hold_joints(flexgen.derive(model), np.array(model.home))
+    f, rng = np.geomspace(0.1, fastest, lines)[:, None], np.random.default_rng(seed)
+    phase, amplitude = rng.uniform(0, 2 * np.pi, (lines, model.n_g)), size / np.sqrt(lines) / (1 + f / 0.7)
+
+    def reference(t: float) -> tuple[np.ndarray, np.ndarray]:
+        part = min(t / START_S, 1.0)
+        grown, rate = part**3 * (10 - 15 * part + 6 * part**2), 30 * (part * (1 - part)) ** 2 / START_S
+        s = (amplitude * np.sin(2 * np.pi * f * t + phase)).sum(axis=0)
+        ds = (amplitude * 2 * np.pi * f * np.cos(2 * np.pi * f * t + phase)).sum(axis=0)
+        return rest.q_m + model.eta @ (grown * s), model.eta @ (rate * s + grown * ds)
+
+    def torque(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        r, dr = reference(t)
+        return rest.tau_m + FIRM * k_p * (r - q) + np.sqrt(FIRM) * k_v * (dr - v)
+
+    k_p, k_v = feedback_gains(model)
+    law, kept = made(np.linalg.inv(model.eta) @ rest.q_m - rest.q_a[list(model.i_g)])
+    plant, rows, every = Plant(name, law, kept, torque, step), [], round(sample / step)
+
+    def look(k: int) -> None:
+        if (k + 1) % every == 0:
+            q, v = plant.d.qpos[plant.rotors].copy(), plant.d.qvel[plant.rotors].copy()
+            rows.append(np.concatenate([q, torque(plant.d.time, q, v)]))
+
+    plant.run(0.0, np.concatenate([rest.q_a, rest.q_m]), round(seconds / step), look)
+    table = np.array(rows)
+    return motor_record(model, sample * (1 + np.arange(len(table))), table[:, : model.n_m], table[:, model.n_m :])
+
+
+def motor_record(model: flexgen.RobotModel, time: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray) -> Trajectory:
+    """A record as a trajectory."""
+    names, n = tuple(motor.name for motor in model.motors), model.n_m
+    ports = {"q_m": Port("q_m", (n,), "rad", "angles"), "tau_m": Port("tau_m", (n,), "N m", "torques")}
+    return Trajectory(time, {"q_m": q_m, "tau_m": tau_m}, ports, {"q_m": names, "tau_m": names})
+
+
+def with_noise(record: Trajectory, sd: float, seed: int = 0) -> Trajectory:
+    """The record with white noise [rad] on its angles."""
+    noise = sd * np.random.default_rng(seed).normal(size=record["q_m"].shape)
+    changed = {**record.channels, "q_m": record["q_m"] + noise}
+    return Trajectory(record.time, changed, record.ports, record.labels)
