@@ -20,6 +20,7 @@ from flexgen.runtime.identity import TOLERANCES
 from flexgen.runtime.inversion_arguments import array_of, hold_of, parameters_of, pointer, pointers, tolerance_of
 from flexgen.runtime.servo import ServoEntry, servo_entry, servo_options
 from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of, struct_of
+from flexgen.type_checks import checked_types
 
 TOLERANCE = TOLERANCES["double"]
 RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
@@ -252,6 +253,7 @@ class Inverter:
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         return self._invert(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
+    @checked_types(own=("period",))
     def positions(self, found: Inversion | np.ndarray, *, period: float, interpolation: str = "linear") -> np.ndarray:
         """Positions for an interface of this period, whose interpolation is closest to commands.
 

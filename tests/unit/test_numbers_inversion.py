@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import flexgen
-from flexgen.codegen import clib_files
+from flexgen.codegen import constants_header
 from flexgen.codegen.motor_constants import motor_constants
 from flexgen.errors import SolverError
 from flexgen.inversion import settling
@@ -143,7 +143,9 @@ def test_damping_in_c_is_a_number_or_a_parameter_times_a_factor() -> None:
 
     def text(*names: str) -> str:
         spec: Any = Made(name="arm", parameters=[Made(name=name) for name in names])
-        return clib_files._damping(spec, constants, lambda values: "{" + ", ".join(f"{x:g}" for x in values) + "}")
+        return constants_header._damping(
+            spec, constants, lambda values: "{" + ", ".join(f"{x:g}" for x in values) + "}"
+        )
 
     assert "gear_damping[ARM_NG] = {7, 8};" in text("a.mass") and "damping_parameter" not in text("a.mass")
     first = text("a.damping", "payload.mass")

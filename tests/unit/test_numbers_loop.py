@@ -16,7 +16,7 @@ from scipy.signal import bilinear, cont2discrete, freqz
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.loop import closed_loop, control, margins, robustness
+from flexgen.loop import closed_loop, control, margins, robots_in_c, robustness
 from flexgen.loop.channels import channels_of
 from flexgen.loop.controller_files import system_controller
 from flexgen.loop.controllers import Cascade, Linear, times
@@ -519,7 +519,7 @@ def test_seeds_are_those_of_split_mix() -> None:
 
     assert numbers(1234567, 3) == [6457827717110365317, 3203168211198807973, 9817491932198370423]
     start = (5 * 0x9E3779B97F4A7C15 + 0x2545F4914F6CDD1D) % 2**64
-    assert closed_loop._seeds(5, 2).ravel().tolist() == numbers(start, 8)
+    assert robots_in_c.seeds_of(5, 2).ravel().tolist() == numbers(start, 8)
 
 
 def test_timing_of_a_law() -> None:
