@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +28,6 @@ from flexgen.model.parts import Tolerances
 from flexgen.model.sensors import Sensor
 from flexgen.spec.fourier import FourierSum
 from flexgen.type_checks import checked_result, checked_types
-
-if TYPE_CHECKING:
-    from flexgen.position_servo.keys import ServoTable
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
@@ -306,7 +303,7 @@ class RobotModel:
     text: str = ""  # canonical text of the data; caches use its hash
     sensors: tuple[Sensor, ...] = ()
     uncertainty: Tolerances | None = None
-    servo: ServoTable | None = None
+    servo: Any = None  # ServoTable of flexgen.position_servo.keys
 
     def __post_init__(self) -> None:
         """Refuse names that files, C, XML and pages are not made for; those of moves are checked by themselves."""

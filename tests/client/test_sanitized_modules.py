@@ -19,7 +19,7 @@ pytestmark = needs_compiler
 PROGRAM = Path(__file__).parents[1] / "support" / "programs" / "sanitized_modules.py"
 SOURCE = Path(flexgen.runtime.files.__file__).parents[1]
 MODULES = [
-    "identification/segments.c",
+    "simulation/segments.c",
     "loop/closed_loop.c",
     "observers/collision.c",
     "laws/model_laws.c",

@@ -348,7 +348,8 @@ def test_code_has_new_draws_in_every_score_and_says_where_it_has_not(tmp_path):
 
 CASCADE = """
 import numpy as np
-from flexgen.loop.controllers import Cascade, LowPass
+from flexgen.loop.controllers import Cascade
+from flexgen.position_servo.filters import LowPass
 
 class Mine:
     def __init__(self):

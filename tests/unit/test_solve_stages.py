@@ -157,8 +157,9 @@ def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("duration", "step"), [(4.0, 1e-3), (0.4, 1e-3), (0.2, 5e-4), (0.01, 2.5e-5)])
 def test_a_torque_has_a_sample_each_millisecond_and_at_least_400(duration: float, step: float) -> None:
-    path = SimpleNamespace(duration=duration)
-    assert InversionProblem.step.fget(SimpleNamespace(path=path)) == pytest.approx(step, rel=1e-12)  # type: ignore
+    plain = SimpleNamespace(coordinates=(), motors=())
+    problem = SimpleNamespace(path=SimpleNamespace(duration=duration), equations=SimpleNamespace(model=plain))
+    assert InversionProblem.step.func(problem) == pytest.approx(step, rel=1e-12)  # type: ignore
 
 
 @pytest.mark.parametrize(("early", "longest", "shortest"), [(0.3, 0.02, 1e-3), (0.05, 0.02, 1e-4), (4e-4, 0.02, 1e-3)])
