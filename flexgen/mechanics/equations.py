@@ -6,7 +6,6 @@ import textwrap
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -24,13 +23,10 @@ from flexgen.mechanics.signatures import (
     reference,
     split_product,
 )
-from flexgen.mechanics.system import Builder, Built, System
+from flexgen.mechanics.system import Builder, Built, ImplicitDae, System
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.type_checks import checked_class, checked_types
-
-if TYPE_CHECKING:
-    from flexgen.mechanics.implicit_dae import ImplicitDae
 
 
 def _flexible_joint(name: str) -> Builder:

@@ -13,39 +13,11 @@ The equations with the output prescribed, of index three to five, are `flexgen.d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
 
 from flexgen.mechanics import dynamics
 from flexgen.mechanics.output_columns import output_labels, output_units
-from flexgen.mechanics.system import System
-from flexgen.type_checks import checked_result
-
-
-@checked_result
-@dataclass(frozen=True)
-class ImplicitDae:
-    """A DAE with the names and units of its variables and rows.
-
-    Attributes
-    ----------
-    function : casadi.Function
-        ``F(xdot, x, z, u)``, and ``parameters`` as a last argument where the equations have them.
-    x, z, u, rows : tuple of str
-        Names of the states, algebraic variables, inputs and rows: ``q_a[q1]``.
-    x_units, z_units, u_units, row_units : tuple of str
-    """
-
-    function: ca.Function
-    x: tuple[str, ...]
-    z: tuple[str, ...]
-    u: tuple[str, ...]
-    rows: tuple[str, ...]
-    x_units: tuple[str, ...]
-    z_units: tuple[str, ...]
-    u_units: tuple[str, ...]
-    row_units: tuple[str, ...]
+from flexgen.mechanics.system import ImplicitDae, System
 
 
 def implicit_dae(system: System) -> ImplicitDae:

@@ -10,6 +10,7 @@ names, the outputs and their names (`Built`). Builders: `flexgen.mechanics.dynam
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -20,9 +21,34 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.lagrangian import Lagrangian, equations_of, lagrangian
 from flexgen.mechanics.parameters import put_symbols
 from flexgen.model.elements import RobotModel
-from flexgen.type_checks import checked_class
+from flexgen.type_checks import checked_class, checked_result
 
 Built = tuple[list[ca.SX], list[str], list[ca.SX], list[str]]
+
+
+@checked_result
+@dataclass(frozen=True)
+class ImplicitDae:
+    """A DAE with the names and units of its variables and rows.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        ``F(xdot, x, z, u)``, and ``parameters`` as a last argument where the equations have them.
+    x, z, u, rows : tuple of str
+        Names of the states, algebraic variables, inputs and rows: ``q_a[q1]``.
+    x_units, z_units, u_units, row_units : tuple of str
+    """
+
+    function: ca.Function
+    x: tuple[str, ...]
+    z: tuple[str, ...]
+    u: tuple[str, ...]
+    rows: tuple[str, ...]
+    x_units: tuple[str, ...]
+    z_units: tuple[str, ...]
+    u_units: tuple[str, ...]
+    row_units: tuple[str, ...]
 
 
 @checked_class

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import flexgen
-from flexgen.mechanics.implicit_dae import ImplicitDae
+from flexgen.mechanics.system import ImplicitDae
 from flexgen.type_checks import FROM_FILES, checks_of
 
 RETURNED = (ImplicitDae,)  # classes of results without a name in flexgen, documented in the reference
