@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PICTURE = ROOT / "docs" / "rooms.svg"
 FRONT = ("cli", "reports", "plots")  # what a user sees: they may import everything
-WIDTH, ROW, HEIGHT, GAP, LETTER = 820, 64, 30, 14, 7.6
+MARGIN, ROW, HEIGHT, GAP, LETTER = 70, 64, 30, 14, 7.6  # the margin is for the labels
 COLORS = {"front": "#f3d9b1", "wing": "#cfe3f5", "middle": "#dcebd2", "ground": "#e6e6e6"}
 
 
@@ -61,15 +61,16 @@ def svg(graph: dict[str, set[str]]) -> str:
     kinds = {room: "middle" for row in rows[:-3] for room in row} | {"ground": "ground"}
     kinds |= dict.fromkeys([*rows[-3], *rows[-2]], "wing") | dict.fromkeys(rows[-1], "front")
     at: dict[str, tuple[float, float, float]] = {}
-    height = ROW * len(rows)
+    sizes = [[LETTER * len(room) + 22 for room in row] for row in rows]
+    spans = [sum(row) + GAP * (len(row) - 1) for row in sizes]
+    width, height = round(max(spans) + 2 * MARGIN), ROW * len(rows)
     for k, row in enumerate(rows):
-        sizes = [LETTER * len(room) + 22 for room in row]
-        x = (WIDTH - sum(sizes) - GAP * (len(row) - 1)) / 2
-        for room, size in zip(row, sizes, strict=True):
+        x = (width - spans[k]) / 2
+        for room, size in zip(row, sizes[k], strict=True):
             at[room] = (x, height - ROW * (k + 1) + 10, size)
             x += size + GAP
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}"',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}"',
         ' font-family="sans-serif" font-size="13">',
         '<rect width="100%" height="100%" fill="white"/>',
     ]

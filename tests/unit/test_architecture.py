@@ -522,6 +522,12 @@ def test_the_picture_of_the_rooms_is_that_of_the_imports():
     assert PICTURE.read_text(encoding="utf-8") == picture(), "run: make golden"
 
 
+def test_all_rooms_lie_within_the_picture():
+    width = float(re.findall(r'viewBox="0 0 (\d+)', picture())[0])
+    boxes = re.findall(r'<rect x="(-?\d+)" y="\d+" width="(\d+)"', picture())
+    assert len(boxes) > len(WINGS) and all(float(x) > 0.0 and float(x) + float(size) < width for x, size in boxes)
+
+
 def test_wings_in_the_picture_are_those_of_the_rules():
     rows = rows_of(graph())
     assert sorted([*rows[-3], *rows[-2]]) == sorted(WINGS)
