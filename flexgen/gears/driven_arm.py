@@ -21,11 +21,11 @@ from flexgen.errors import SolverError
 from flexgen.library.casadi_module import casadi_module, external
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears as gears_of
-from flexgen.mechanics.motor_harmonics import gear_angles, gear_rates
+from flexgen.mechanics.motor_harmonics import gear_angles
 from flexgen.mechanics.system import solve_symmetric
 from flexgen.model.elements import Dof
 from flexgen.numerics.evaluate import evaluate
-from flexgen.simulation.hysteretic_rate import generalized_force
+from flexgen.simulation.hysteretic_rate import deflection_rates, generalized_force
 from flexgen.simulation.segments import Segments
 from flexgen.spec.fourier import FourierSum
 
@@ -93,21 +93,19 @@ class DrivenArm:
         for k, gear in enumerate(gears):
             z[gear] = known[k]
 
-        symbols = ca.vertcat(lag.tau_m, y[imposed], dy[imposed], ddy[imposed], ddy[free])
+        behind_rigid = [j for j in range(model.n_m) if j not in model.i_m]  # motors without a coordinate of their own
+        symbols = [lag.tau_m, y[imposed], dy[imposed], ddy[imposed], ddy[free], *(lag.q_m[j] for j in behind_rigid)]
+        symbols = ca.vertcat(*symbols)
         values = [ca.SX.zeros(model.n_m), *(ca.mtimes(of_motors, part) for part in (q_m, v_m, a_m))]
-        values = ca.vertcat(*values, ca.SX.zeros(len(free)))
+        values = ca.vertcat(*values, ca.SX.zeros(len(free)), *(q_m[j] for j in behind_rigid))
         residual = equations.left - lag.forces - generalized_force(equations.with_symbols, z, lag.q_m)
-        B = ca.jacobian(lag.forces, lag.tau_m)[imposed, :]
-        rates = gear_rates(equations.with_symbols, lag.q_m)
-        terms = [
-            ca.densify(x) for x in (residual, equations.mass, B, rates, gear_angles(equations.with_symbols, lag.q_m))
-        ]
-        residual, mass, B, rates, angles = ca.substitute(terms, [symbols], [values])
+        B, rate = ca.jacobian(lag.forces, lag.tau_m)[imposed, :], deflection_rates(equations)
+        deflection = gear_angles(equations.with_symbols, lag.q_m) - y[i_g]
+        terms = [ca.densify(term) for term in (residual, equations.mass, B, rate, deflection)]
+        residual, mass, B, rate, deflection = ca.substitute(terms, [symbols], [values])
         acceleration = solve_symmetric(mass[free, free], -residual[free])
         need = residual[imposed] + ca.mtimes(mass[imposed, free], acceleration)
-        rate = ca.mtimes(rates, v_m) - ca.substitute(dy[i_g], symbols, values)
         rate = ca.vertcat(ca.SX(0, 1), *(rate[k] for k in gears))
-        deflection = angles - ca.substitute(y[i_g], symbols, values)
         x = ca.vertcat(y[free], dy[free], known)
         largest = ca.SX.sym("largest")
         p = ca.vertcat(equations.symbols, K_h, W, coefficients, largest)

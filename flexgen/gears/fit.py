@@ -53,7 +53,6 @@ CREEP = 0.01  # of the largest speed, below which Coulomb friction is smoothed
 FORGOTTEN = 1e-5  # of its first effect, or of the torques, to which that of the start has decayed
 BLOCK_S = 1.0  # of a record, within which residuals depend on each other
 CLOSE = (0.3, 0.05, 0.05)  # standard deviations from the minimum where the searches end
-
 CORRECTED, DRAWS = 3, 3  # steps with corrected normal equations; pairs of samples of noise
 LEAST_SIGNAL = 0.1  # part of the information in a direction that is not noise, else it is not determined
 RANK = 1e-13  # of the normal equations, relative
@@ -73,7 +72,6 @@ class Estimate:
     covariance: np.ndarray
     error: np.ndarray
     converged: bool
-    steps: int
 
 
 @dataclass(frozen=True)
@@ -281,7 +279,7 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
     covariance = H @ (blocks.T @ blocks) @ H + unknown
     left = np.einsum("njp,p->nj", J, theta - last)
     converged = fit.converged and float((left**2).sum()) < 1.0  # standard deviation of the record, squared
-    return Estimate(last, covariance, error, converged, steps)
+    return Estimate(last, covariance, error, converged)
 
 
 def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:

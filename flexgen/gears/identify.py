@@ -19,7 +19,7 @@ from flexgen.mechanics.hysteresis import gear_hysteresis, without_hysteresis
 from flexgen.mechanics.lagrangian import gears as gears_of
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import Coordinate, RobotModel
-from flexgen.model.friction import refuse_harmonics
+from flexgen.model.friction import hysteretic_joints, refuse_harmonics
 from flexgen.progress import Choice, reported
 from flexgen.spec.fourier import HIGHEST, MOST
 from flexgen.trajectory import Trajectory
@@ -96,6 +96,13 @@ def identify_gears(
     signals = signals_of(record, robot.n_m, band_hz)
     chosen = _choose(robot, joints)
     gears = chosen if hysteresis else ()
+    known = {robot.coordinates[robot.i_g[k]].name for k in gears}
+    ignored = [name for name in hysteretic_joints(robot) if name not in known]
+    if ignored:
+        raise ArgumentError(
+            f"joints, hysteresis: given a fit without that of {', '.join(ignored)}, which {robot.title} has, expected "
+            "these joints too, or a model without their hysteresis"
+        )
     names = [robot.coordinates[robot.i_g[k]].name for k in chosen]
     free = [f"{name}.{kind}" for name in names for kind in ("stiffness", "damping")] if free is None else list(free)
     plain = without_hysteresis(robot)
@@ -143,12 +150,19 @@ def _result(robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, foun
         status = GearStatus.NOT_CONVERGED
     if (error > np.hypot(NOISE * noise, LEAST * size)).any():
         status = GearStatus.MODEL_ERROR
-    numbers = _Numbers(robot, fitted, fit, found).all()
-    joints = tuple(robot.coordinates[robot.i_g[k]].name for k in fit.sought.gears)
     return GearFit(
-        robot, numbers, status, error, noise, fit.signals.band_hz, float(found.theta[-1]), joints,
-        fit.loops(found.theta, found.error), fit.sought.harmonics, fit.sought.cogging,
-    )  # fmt: skip
+        robot=robot,
+        numbers=_Numbers(robot, fitted, fit, found).all(),
+        status=status,
+        unexplained=error,
+        noise=noise,
+        band_hz=fit.signals.band_hz,
+        delay_s=float(found.theta[-1]),
+        joints=tuple(robot.coordinates[robot.i_g[k]].name for k in fit.sought.gears),
+        loops=fit.loops(found.theta, found.error),
+        harmonics=fit.sought.harmonics,
+        cogging=fit.sought.cogging,
+    )
 
 
 @dataclass(frozen=True)

@@ -82,13 +82,16 @@ class GearFit(Result):
         Joints of the loops.
     loops : array (n, k, 3)
         Deflections, torques z of the hysteresis, and these with what is unexplained, arm side.
-    harmonics, cogging : mappings of str to tuple of int
-        Harmonics of each joint's transmission error, and of each motor's cogging.
+    harmonics, cogging : tuples of int
+        Of the transmission errors, and of the cogging.
 
     Examples
     --------
-    >>> flexgen.GearFit.__name__
-    'GearFit'
+    >>> cogging = {"motor.m1.cogging": {"harmonics": [6], "sin": [0.03]}}  # N m
+    >>> record = flexgen.control(flexgen.read("elbow", overrides=cogging), sample_time=1e-3).trajectory()
+    >>> found = flexgen.identify_gears("elbow", record, hysteresis=False, cogging=[6], free=[])
+    >>> found.changes["motor.m1.cogging"]["harmonics"], f"{found.values['m1.cogging.sin_6']:.3f} N m"
+    ([6], '0.030 N m')
     """
 
     robot: RobotModel

@@ -89,8 +89,8 @@ def refuse_hysteresis(model: Any, what: str) -> None:
     if names:
         raise ArgumentError(
             f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
-            "only solve, simulate, control and generate take into account; remove the table hysteresis of the gear "
-            "from the model file"
+            "only solve, simulate, control, generate and identify_gears take into account; remove the table hysteresis "
+            "of the gear from the model file"
         )
 
 

@@ -29,5 +29,5 @@ def plot_loops(found: GearFit) -> Figure:
         ax.set(title=name, xlabel=f"deflection, {unit}", ylabel="z, N m" if units[name] == "rad" else "z, N")
     for ax in axes[count:]:
         ax.set_visible(False)
-    axes[0].legend(loc="lower right")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gear_records import motor_record, record_in_mujoco, with_noise
 from harmonic import COGGING, ERROR, law_with_sums
-from hysteretic import ARCMIN, with_lost_motion
+from hysteretic import ARCMIN, hysteretic, with_lost_motion
 from toolchain import needs_compiler
 
 import flexgen
@@ -63,6 +63,16 @@ def test_twelve_seconds_without_noise_give_the_loop(short: flexgen.Trajectory, t
     assert gear is not None and gear.hysteresis is not None
     assert gear.hysteresis.lost_motion == found.values["q1.hysteresis.lost_motion"]
     assert found.model.elements[0].dofs[0].gear == gear
+
+
+def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
+    """The transmission error of the elastic gear alone, from the closed loop of such a robot."""
+    rigid = {"element.fore.dof.q2.gear": {"type": "rigid"}}
+    error = {"element.upper.dof.q1.gear.transmission_error": {"harmonics": [1], "sin": [4e-5]}}
+    record = flexgen.control(model_of("elbow", **rigid, **error), sample_time=1e-3, progress=False).trajectory()
+    found = flexgen.identify_gears(model_of("elbow", **rigid), record, hysteresis=False, harmonics=[1], progress=False)
+    assert found.values["q1.transmission_error.sin_1"] == pytest.approx(4e-5, rel=1e-2)
+    assert not any(name.startswith("q2") for name in found.values)
 
 
 @pytest.mark.slow
@@ -157,5 +167,10 @@ def test_what_cannot_be_used_is_refused(short: flexgen.Trajectory) -> None:
     ):
         with pytest.raises(flexgen.ArgumentError, match=text):
             flexgen.identify_gears(model, short, progress=False, **given)
+    both = hysteretic("planar5_nmp")
+    with pytest.raises(flexgen.ArgumentError, match="given a fit without that of q1, which planar5_nmp has"):
+        flexgen.identify_gears(both, short, joints=["q2"], progress=False)
+    with pytest.raises(flexgen.ArgumentError, match="given a fit without that of q1, q2"):
+        flexgen.identify_gears(both, short, hysteresis=False, progress=False)
     with pytest.raises(flexgen.ArgumentError, match="given 2 columns of q_m, expected 6"):
         flexgen.identify_gears("manutec_r3", short, progress=False)
