@@ -35,6 +35,7 @@ _VERBS = {
     "refine": "flexgen.identification.time_domain",
     "fit_motion": "flexgen.identification.motion_fit",
     "calibrate": "flexgen.calibration.calibrate",
+    "sense": "flexgen.environment.sense",
     "tracker_positions": "flexgen.inverse_kinematics.forward",
     "control": "flexgen.loop.control",
     "command_positions": "flexgen.servo.command",

@@ -22,7 +22,7 @@ import numpy as np
 from flexgen.calibration.tree import SHIFTS, Tree
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import Element, RobotModel
-from flexgen.model.sensors import Sensor
+from flexgen.sensors import Sensor
 from flexgen.spec.tables import closest
 from flexgen.type_checks import checked_class
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from flexgen.errors import ModelError
 from flexgen.model.elements import Body, Dof, LinearSpring, Placement, RobotModel
-from flexgen.model.sensors import TOOL
+from flexgen.sensors import TOOL
 
 SHIFTS = ("x", "y", "z", "rx", "ry", "rz")  # errors of a placement: translations, then rotations about the same axes
 IDENTITY = np.eye(3)

@@ -27,6 +27,7 @@ NEWER = (
     "transmission_error",
     "cogging",
     "torque_ripple",
+    "encoder_error",
     "Gear.torque_max",
     "torque_rms_max",
     "torque_rate_max",
@@ -37,6 +38,9 @@ NEWER = (
     "Tool.acceleration_max",
     "Program.laws",
     "RobotModel.servo",
+    "Sensor.moment_noise",
+    "Sensor.gauge",
+    "Sensor.offset",
 )  # left out where empty: digests from before there were these fields stay
 
 

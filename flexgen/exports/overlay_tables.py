@@ -12,7 +12,7 @@ from flexgen.errors import ModelError
 from flexgen.model.elements import RobotModel
 from flexgen.model.format_devices import SENSOR
 from flexgen.model.format_tasks import OUTPUT
-from flexgen.model.sensors import TOOL, Sensor
+from flexgen.sensors import TOOL, Sensor
 from flexgen.spec.schema import write
 
 

@@ -27,8 +27,8 @@ ANGLE = 2  # time derivatives from a motor angle to its acceleration
 
 
 def channels(model: RobotModel) -> tuple[str, ...]:
-    """Names of the channels of all sensors of a model."""
-    return tuple(name for sensor in model.sensors for name in sensor.channels)
+    """Names of the channels of all sensors of a model that measure its motion."""
+    return tuple(name for sensor in model.sensors if not sensor.of_force for name in sensor.channels)
 
 
 def output_orders(model: RobotModel, chosen: Sequence[str]) -> np.ndarray:
@@ -42,7 +42,7 @@ def check_channels(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
     known = channels(model)
     for name in chosen:
         if name not in known:
-            listed = f"one of {', '.join(known)}" if known else "none: the model file has no [[sensor]]"
+            listed = f"one of {', '.join(known)}" if known else "none: the model file has no [[sensor]] of its motion"
             raise ArgumentError(f"sensor channel: given {name!r}, expected {listed}")
     return tuple(chosen)
 
@@ -61,7 +61,7 @@ class OutputRows:
     def __init__(self, equations: Equations, motor_rows: np.ndarray, chosen: Sequence[str]) -> None:
         model = equations.model
         self.motor_rows, self.names = motor_rows, check_channels(model, chosen)
-        known = channels(model)
+        known = [name for sensor in model.sensors for name in sensor.channels]
         self._index = [known.index(name) for name in self.names]
         self.orders = output_orders(model, self.names)
         late = {name: sensor for sensor in model.sensors for name in sensor.channels}

@@ -13,7 +13,7 @@ from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.kinematics import place
 from flexgen.mechanics.statics import hold_motors, motor_balance
 from flexgen.model.elements import Placement, RobotModel
-from flexgen.model.sensors import TOOL
+from flexgen.sensors import TOOL
 from flexgen.type_checks import checked_types
 
 

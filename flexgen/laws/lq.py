@@ -105,7 +105,7 @@ class _Design:
         self.model, self.sample_s, self.delay_s, self.options = model, sample_s, delay_s, options
         self.poses = PoseModels(model)
         self.u_max = torque_scale(model)
-        own = [SENSOR_NOISE * s.noise for s in model.sensors for _ in s.channels]
+        own = [SENSOR_NOISE * noise for s in model.sensors for noise in s.noises]
         used = [max(x, LEAST_NOISE) if options.sensors else NOT_USED for x in own]
         self.noise = np.array([options.encoder_noise] * model.n_m + used) ** 2
 

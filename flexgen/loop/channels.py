@@ -18,7 +18,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
-from flexgen.model.sensors import TOOL, Sensor
+from flexgen.sensors import TOOL, Sensor
 from flexgen.spec.arguments import check_positive, is_number, mapping_of
 
 MOTORS, ACCELEROMETER, GYRO, ENCODERS = "motors", "tool_accelerometer", "tool_gyro", "link_encoders"
@@ -52,7 +52,7 @@ class Channels:
     @property
     def accelerating(self) -> bool:
         """Whether a channel depends on accelerations."""
-        return any(sensor.type == "accelerometer" for sensor in self.model.sensors)
+        return any(sensor.order == 0 for sensor in self.model.sensors)
 
 
 def channels_of(model: RobotModel, outputs: str | Sequence[str], noise: Noise | None = None) -> Channels:
@@ -151,9 +151,9 @@ def _noises(names: Sequence[str], model: RobotModel, given: Mapping[str, float])
     groups: dict[str, tuple[str, ...]] = {name: (MOTORS,) for name in motors}
     values = dict.fromkeys(motors, ENCODER_NOISE)
     for sensor in model.sensors:
-        for channel in sensor.channels:
+        for channel, own_noise in zip(sensor.channels, sensor.noises, strict=True):
             groups[channel] = (ENCODERS, sensor.name) if sensor.type == "link_encoder" else (sensor.name,)
-            values[channel] = sensor.noise
+            values[channel] = own_noise
     unknown = set(given) - {key for name in names for key in (name, *groups[name])}
     if unknown:
         raise ArgumentError(f"noise: given {sorted(unknown)[0]!r}, expected one of the outputs {', '.join(names)}")

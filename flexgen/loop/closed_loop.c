@@ -45,19 +45,21 @@ typedef int (*loop_controller)(void *self, int64_t k, const double *y, const dou
 /* The same for all robots at once: y (lanes, n_y), ref (lanes, n_ref), u (lanes, n_m); NaN stops a robot's control. */
 typedef void (*loop_controllers)(int64_t k, const double *y, const double *ref, double *u);
 
-/* Robots whose gears have hysteresis: a function that CasADi writes, for one robot. Its inputs are the state with the
-   gears' torques z/W at the end, the motor torques, the numbers of the robot, and the force on the tool where it has
-   one; its output is the rate of the state. */
+/* A function that CasADi writes, for one robot, and numbers of each robot, which one of its inputs takes.
+   Robots whose gears have hysteresis: its inputs are the state with the gears' torques z/W at the end, the motor
+   torques, the numbers, and the force on the tool where it has one; its output is the rate of the state.
+   Signals of sensors: q_a, v_a, a_a, force on the tool, numbers. Wall: q_a, v_a, numbers; its output is the force on
+   the tool. */
 typedef struct {
-    int (*rate)(const double **arg, double **res, long long *iw, double *w, int mem);
+    int (*function)(const double **arg, double **res, long long *iw, double *w, int mem);
     const double **arg;
     double **res;
     long long *iw;
     double *w;
     const double *numbers; /* (lanes, n_numbers) */
     int64_t n_numbers;
-    double *point; /* state, motor torques, force, and the rate of the state */
-} loop_hysteresis;
+    double *point; /* inputs and outputs of one robot */
+} loop_function;
 
 typedef struct {
     int32_t lanes, n_a, n_m, n_g;
@@ -89,16 +91,20 @@ typedef struct {
     double *torque;                          /* torque that acts now, noise included (n_m rows of lanes) */
     double *pending;                         /* torques of the last samples, slots times n_m rows of lanes */
     double *shown;                           /* what the channels measured, history + 1 slots of n_y rows of lanes */
-    double *scratch;                         /* 10 (n_a + n_m) + 5 n_z + n_m + n_g + n_y + 6 rows of lanes */
+    double *scratch;                         /* 10 (n_a + n_m) + 5 n_z + n_m + n_g + n_y + 12 rows of lanes */
     uint64_t *random;                        /* four words for each lane, not all zero */
     int32_t *status;                         /* of each lane */
     int64_t *saturated;                      /* samples at a torque limit, of each lane */
     double *record;       /* null, or for each sample the state and the torque that acts: 2 n_a + 3 n_m rows of lanes */
     volatile int64_t now; /* the sample, for another thread that looks whether a controller returns */
-    volatile int32_t stop;             /* not zero: another thread asks to end before the next sample */
-    loop_controllers together;         /* null, or in place of the controller of each robot */
-    const loop_hysteresis *hysteresis; /* null, or in place of the plant */
-    int32_t n_z;                       /* gears with a torque z in the state: all or none */
+    volatile int32_t stop;           /* not zero: another thread asks to end before the next sample */
+    loop_controllers together;       /* null, or in place of the controller of each robot */
+    const loop_function *hysteresis; /* null, or in place of the plant */
+    int32_t n_z;                     /* gears with a torque z in the state: all or none */
+    int32_t encoder_terms;
+    const double *encoder_error;  /* (encoder_terms, 4): motor, k, c, s: it shows c cos(k q) + s sin(k q) too much */
+    const loop_function *signals; /* null, or in place of the sensors */
+    const loop_function *wall;    /* null, or a force on the tool in addition to the disturbances */
 } loop_robots;
 
 #define LOOP_MOST_SHARE 1.01 /* of |z/W|, which is at most 1 where the steps are short enough */
@@ -111,7 +117,7 @@ static size_t loop_rows(const loop_robots *r)
 
 /* Parts of the scratch memory. */
 typedef struct {
-    double *stages, *acting, *tau_g, *signals, *f_tool;
+    double *stages, *acting, *tau_g, *signals, *given, *f_tool; /* force on the tool: disturbance, and all together */
 } loop_parts;
 
 static loop_parts parts_of(const loop_robots *r)
@@ -122,7 +128,8 @@ static loop_parts parts_of(const loop_robots *r)
     p.acting = p.stages + 5 * loop_rows(r) * lanes;
     p.tau_g = p.acting + n_m * lanes;
     p.signals = p.tau_g + (size_t)r->n_g * lanes;
-    p.f_tool = p.signals + (size_t)r->n_y * lanes;
+    p.given = p.signals + (size_t)r->n_y * lanes;
+    p.f_tool = r->wall ? p.given + LOOP_TOOL * lanes : p.given;
     return p;
 }
 
@@ -177,7 +184,7 @@ static void loop_accelerations(
 /* The same rate of robots whose gears have hysteresis, one after the other. */
 static void loop_hysteretic(const loop_robots *r, const loop_parts *p, int push, const double *x, double *dx)
 {
-    const loop_hysteresis *h = r->hysteresis;
+    const loop_function *h = r->hysteresis;
     size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m, n = loop_rows(r);
     const double *tau = r->disturbed ? p->acting : r->torque;
     double *at = h->point, *torque = at + n, *force = torque + n_m, *rate = force + LOOP_TOOL;
@@ -196,9 +203,37 @@ static void loop_hysteretic(const loop_robots *r, const loop_parts *p, int push,
         h->arg[2] = h->numbers + (size_t)h->n_numbers * lane;
         h->arg[3] = push ? force : NULL; /* null: zero */
         h->res[0] = rate;
-        (void)h->rate(h->arg, h->res, h->iw, h->w, 0);
+        (void)h->function(h->arg, h->res, h->iw, h->w, 0);
         for (size_t i = 0; i < n; ++i) {
             dx[i * lanes + lane] = rate[i];
+        }
+    }
+}
+
+/* Entries of one robot from an array of all. */
+static double *loop_gather(const double *x, size_t rows, size_t lanes, size_t lane, double *out)
+{
+    for (size_t i = 0; i < rows; ++i) {
+        out[i] = x[i * lanes + lane];
+    }
+    return out + rows;
+}
+
+/* The force of the wall on each tool, with that of the disturbances. */
+static void loop_touch(const loop_robots *r, const loop_parts *p, int push, const double *x)
+{
+    const loop_function *w = r->wall;
+    size_t lanes = (size_t)r->lanes, n_a = (size_t)r->n_a;
+    double *force = w->point + 2 * n_a;
+    for (size_t lane = 0; lane < lanes; ++lane) {
+        (void)loop_gather(x, 2 * n_a, lanes, lane, w->point);
+        w->arg[0] = w->point;
+        w->arg[1] = w->point + n_a;
+        w->arg[2] = w->numbers + (size_t)w->n_numbers * lane;
+        w->res[0] = force;
+        (void)w->function(w->arg, w->res, w->iw, w->w, 0);
+        for (size_t j = 0; j < LOOP_TOOL; ++j) {
+            p->f_tool[j * lanes + lane] = force[j] + (push ? p->given[j * lanes + lane] : 0.0);
         }
     }
 }
@@ -207,6 +242,10 @@ static void loop_hysteretic(const loop_robots *r, const loop_parts *p, int push,
 static void loop_rate(const loop_robots *r, const loop_parts *p, int push, const double *x, double *dx)
 {
     size_t arm = (size_t)r->n_a * (size_t)r->lanes, motors = (size_t)r->n_m * (size_t)r->lanes;
+    if (r->wall) {
+        loop_touch(r, p, push, x);
+        push = 1;
+    }
     if (r->hysteresis) {
         loop_hysteretic(r, p, push, x, dx);
         return;
@@ -222,7 +261,7 @@ static int loop_disturb(const loop_robots *r, const loop_parts *p, size_t step)
     size_t lanes = (size_t)r->lanes, given = (size_t)r->disturbed, n_m = (size_t)r->n_m;
     const double *d = r->disturbances + step * (n_m + LOOP_TOOL) * given;
     for (size_t i = 0; i < (r->pushing[step] ? n_m + LOOP_TOOL : n_m); ++i) {
-        double *to = i < n_m ? p->acting + i * lanes : p->f_tool + (i - n_m) * lanes;
+        double *to = i < n_m ? p->acting + i * lanes : p->given + (i - n_m) * lanes;
         for (size_t lane = 0; lane < lanes; ++lane) {
             double own = d[i * given + (given == 1 ? 0 : lane)];
             to[lane] = i < n_m ? r->torque[i * lanes + lane] + own : own;
@@ -254,12 +293,41 @@ static void loop_step(const loop_robots *r, const loop_parts *p, int push, doubl
     }
 }
 
+/* The same, one robot after the other, with the force on its tool. */
+static void loop_signals_of_each(const loop_robots *r, const loop_parts *p, int push, const double *a_a)
+{
+    const loop_function *f = r->signals;
+    size_t lanes = (size_t)r->lanes, n_a = (size_t)r->n_a, n_s = (size_t)(r->n_y - r->n_m - r->states);
+    for (size_t lane = 0; lane < lanes; ++lane) {
+        double *motion = loop_gather(r->state, 2 * n_a, lanes, lane, f->point);
+        double *force = loop_gather(a_a, n_a, lanes, lane, motion);
+        double *out = force + LOOP_TOOL;
+        if (push) {
+            (void)loop_gather(p->f_tool, LOOP_TOOL, lanes, lane, force);
+        }
+        f->arg[0] = f->point;
+        f->arg[1] = f->point + n_a;
+        f->arg[2] = motion;
+        f->arg[3] = push ? force : NULL; /* null: zero */
+        f->arg[4] = f->numbers + (size_t)f->n_numbers * lane;
+        f->res[0] = out;
+        (void)f->function(f->arg, f->res, f->iw, f->w, 0);
+        for (size_t i = 0; i < n_s; ++i) {
+            p->signals[i * lanes + lane] = out[i];
+        }
+    }
+}
+
 /* Signals of the sensors of all robots under the torques that act just before the sample. */
 static void loop_signals(const loop_robots *r, const loop_parts *p, int push)
 {
     size_t arm = (size_t)r->n_a * (size_t)r->lanes;
     double *dx = p->stages;
     loop_rate(r, p, push, r->state, dx);
+    if (r->signals) {
+        loop_signals_of_each(r, p, push || r->wall, dx + arm);
+        return;
+    }
     (void)((loop_sensors)r->sensors)(r->lanes, r->state, r->state + arm, dx + arm, p->signals, r->plant_work);
 }
 
@@ -273,6 +341,13 @@ static void loop_measure(const loop_robots *r, const loop_parts *p, int lane, in
         double value = j < (size_t)r->n_m ? q_m[j * lanes + own] :
                        j < n_y - states   ? p->signals[(j - (size_t)r->n_m) * lanes + own] :
                                             r->state[(j + states - n_y) * lanes + own];
+        for (int32_t i = 0; i < r->encoder_terms; ++i) {
+            const double *e = r->encoder_error + 4 * (size_t)i;
+            if ((size_t)e[0] == j) {
+                double angle = e[1] * q_m[j * lanes + own];
+                value += e[2] * cos(angle) + e[3] * sin(angle);
+            }
+        }
         if (r->noise[j] > 0.0) {
             value += r->noise[j] * loop_noise(r->random + 4 * own);
         }
@@ -365,7 +440,7 @@ static void loop_sample(
             }
         }
     }
-    if (r->sensors) {
+    if (r->sensors || r->signals) {
         loop_signals(r, p, push);
     }
     for (int lane = 0; lane < r->lanes; ++lane) {

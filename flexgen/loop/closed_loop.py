@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from flexgen.counts import count_of
+from flexgen.environment.robot_function import RobotFunction
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import loop_module
 from flexgen.loop.hardware import DriveHardware, SensorChannels
-from flexgen.loop.hysteresis import HystereticRobots
 from flexgen.loop.interface import INTERRUPTED, Controller, Setup
 from flexgen.loop.robots_in_c import ARRAYS, Robots, seeds_of
 from flexgen.model.elements import RobotModel
@@ -83,11 +83,11 @@ class ClosedLoop:
         Of the noise.
     steps : int, optional
         Integration steps in a sample; default: from ``rate``.
-    parameters : array (n_p,) or (lanes, n_p), or HystereticRobots, optional
+    parameters : array (n_p,) or (lanes, n_p), or RobotFunction, optional
         Run-time parameters, where the library has any: for all robots, or for each where the library was made so;
-        default: those of the model file. Or robots whose gears have hysteresis, and a library without it.
+        default: those of the model file. Or the rate of robots whose gears have hysteresis, and a library without it.
     sensors : SensorChannels, optional
-        The robot's sensors are measured too; the library has ``sensors``.
+        The robot's sensors are measured too; the library has ``sensors``, or the channels have their ``function``.
     delay_samples : int or array (lanes,)
         Whole samples from a measurement to its torque, in addition to ``hardware.delay_s``.
     arm_reference : bool
@@ -115,7 +115,7 @@ class ClosedLoop:
         *,
         seed: int = 0,
         steps: int | None = None,
-        parameters: np.ndarray | HystereticRobots | None = None,
+        parameters: np.ndarray | RobotFunction | None = None,
         sensors: SensorChannels | None = None,
         delay_samples: int | np.ndarray = 0,
         arm_reference: bool = False,
@@ -151,10 +151,11 @@ class ClosedLoop:
         n_y = n_m + len(self.channels.noise) + self.states
         self.setup = Setup(q_m, hardware.sample_s, n_a, n_y, n_y + n_m + ((n_m + 2 * n_a) if arm_reference else 0))
         self._controller = controller.compiled(self.setup)
-        self._gears = parameters if isinstance(parameters, HystereticRobots) else None
-        numbers = None if isinstance(parameters, HystereticRobots) else parameters
+        self._gears = parameters if isinstance(parameters, RobotFunction) else None
+        numbers = None if isinstance(parameters, RobotFunction) else parameters
         self._arrays = self._memory(q_a, self._parameters(library, numbers), seed, late)
         self._arrays["gain"][:] = 1.0 if gain is None else gain
+        self._functions: list[Any] = []
         self._library = library  # it must live as long as the addresses of its functions
         self._module = loop_module()
         self._robots = self._structure(library, delay)
@@ -189,7 +190,7 @@ class ClosedLoop:
         if delays.max() > MOST_DELAY:
             raise ArgumentError(f"sensors, delay_samples: given {delays.max()}, expected at most {MOST_DELAY}")
         n, n_z = n_a + n_m, 0 if self._gears is None else model.n_g
-        rows = 10 * n + 5 * n_z + n_m + len(model.i_g) + n_y + TOOL
+        rows = 10 * n + 5 * n_z + n_m + len(model.i_g) + n_y + 2 * TOOL
         return {
             "parameters": parameters,
             "memory": self._controller.memory,
@@ -209,6 +210,7 @@ class ClosedLoop:
             "random": seeds_of(seed, lanes),
             "status": np.zeros(lanes, np.int32),
             "saturated": np.zeros(lanes, np.int64),
+            "encoder_error": _encoder_terms(model),
         }
 
     def _structure(self, library: Library, delay: int) -> Robots:
@@ -232,6 +234,7 @@ class ClosedLoop:
         if not library.parameter_names:
             at["parameters"] = 0
         kept = {name: at[name] or None for name in ARRAYS}
+        terms = self._arrays["encoder_error"]
         made = Robots(
             lanes=self.lanes, n_a=self.model.n_a, n_m=self.model.n_m, n_g=len(self.model.i_g), n_y=self.setup.n_y,
             n_ref=self.setup.n_ref, states=self.states, steps=self.steps, delay_steps=delay,
@@ -243,9 +246,24 @@ class ClosedLoop:
             together=self._controller.together or None, **kept,
         )  # fmt: skip
         if self._gears is not None:
-            made.n_z, (self._rates, self._rate_memory) = self.model.n_g, self._gears.in_loop(self.lanes)
-            made.hysteresis = ctypes.addressof(self._rates)
+            made.n_z = self.model.n_g
+            made.hysteresis = self._address(self._gears)
+        if self.channels.function is not None:
+            made.signals = self._address(self.channels.function)
+        made.encoder_terms, made.encoder_error = len(terms), terms.ctypes.data
         return made
+
+    def _address(self, function: RobotFunction) -> int:
+        """The address of a function of each robot for C, which lives as long as the loop."""
+        made = function.in_loop(self.lanes)
+        self._functions.append((function, made))
+        return ctypes.addressof(made)
+
+    def touch(self, wall: RobotFunction) -> None:
+        """Let the tools touch a wall: force and torque (6,) on a tool from q_a, v_a and the numbers of its robot."""
+        if not self._robots.pushed:
+            raise ArgumentError("wall: a force on the tool needs a library with forward_dynamics_tool_force")
+        self._robots.wall = self._address(wall)
 
     def hold(self, tau_m: np.ndarray) -> None:
         """The torque (lanes, n_m) that acts before the first sample."""
@@ -394,6 +412,13 @@ class ClosedLoop:
         """One period of the reference after the other."""
         for _ in range(count):
             yield self.run(reference, len(reference), motion=motion)
+
+
+def _encoder_terms(model: RobotModel) -> np.ndarray:
+    """Terms of the errors of all encoders, rows of motor, harmonic, coefficient of the cosine and of the sine."""
+    sums = [(j, motor.encoder_error) for j, motor in enumerate(model.motors) if motor.encoder_error is not None]
+    rows = [(j, *term) for j, e in sums for term in zip(e.harmonics, e.cos, e.sin, strict=True)]
+    return np.array(rows, dtype=float).reshape(len(rows), 4)
 
 
 def integration_steps(hardware: DriveHardware, rate: float) -> int:

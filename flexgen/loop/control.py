@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 
 from flexgen.deadline import check_time
+from flexgen.environment.robot_function import RobotFunction
+from flexgen.environment.sense import signals_of
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
@@ -24,7 +26,7 @@ from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Linear
 from flexgen.loop.disturbances import Disturbance, disturbance_table
 from flexgen.loop.hardware import DriveHardware, SensorChannels
-from flexgen.loop.hysteresis import HystereticRobots, hysteretic_robots, largest_rate, split_plants
+from flexgen.loop.hysteresis import hysteretic_robots, largest_rate, split_plants
 from flexgen.loop.interface import Controller
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.model_law import ModelLaw
@@ -52,7 +54,8 @@ TOOL_FORCE = "forward_dynamics_tool_force"
 class Case:
     """Parts of a closed loop, ready to run with any controller.
 
-    ``plants``, ``library``, ``equations``: of the springs and dampers; ``gears``: the robots with their hysteresis.
+    ``plants``, ``library``, ``equations``: of the springs and dampers; ``gears``: the robots with their hysteresis;
+    ``signals``: of sensors that feel the force on the tool.
     """
 
     model: RobotModel
@@ -68,7 +71,8 @@ class Case:
     seed: int
     equations: Equations
     exact_state: bool = False
-    gears: HystereticRobots | None = None
+    gears: RobotFunction | None = None
+    signals: RobotFunction | None = None
 
     @property
     def sample_time(self) -> float:
@@ -223,15 +227,19 @@ def control_case(
     names = tuple(p.name for p in chosen.parameters)
     forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
     elastic = without_hysteresis(robot)
-    functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *(["sensors"] if robot.sensors else [])]
+    felt = any(sensor.of_force for sensor in robot.sensors)
+    shown = ["sensors"] if robot.sensors and not felt else []
+    functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *shown]
     library = library_with(elastic, functions, parameters=names, per_point=bool(names), progress=progress)
     nominal = derive(elastic)
     path = Path(nominal, solution.move)
     trajectory = solution.trajectory
     span = float(trajectory.time[0]), float(trajectory.time[-1])
     time = time_grid(*span, sample_time, HOLD_S, AFTER_S)
-    reference = motion_reference(trajectory, path, sample_time, delay, library, time)
     local = LocalDynamics(derive(elastic, names))
+    known = signals_of(nominal) if felt else None
+    reference = motion_reference(trajectory, path, sample_time, delay, library, time, known)
+    signals = RobotFunction(signals_of(local.equations, True), chosen.values, tell) if felt else None
     start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
     rests = tuple(local.rest(start, values, at) for values in chosen.values)
     limits = tuple(m.torque_max or 0.0 for m in robot.motors) if torque_limits else ()
@@ -249,7 +257,7 @@ def control_case(
     case = Case(
         robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal, exact_state
     )
-    return replace(case, gears=gears)
+    return replace(case, gears=gears, signals=signals)
 
 
 def run_case(
@@ -268,7 +276,7 @@ def run_case(
     loop = ClosedLoop(
         robot, case.library, case.hardware, controller, q_a, q_m, case.rate, seed=case.seed, steps=steps,
         parameters=case.gears or (case.plants.values if case.plants.parameters else None),
-        sensors=_channels(robot, case.hardware.sample_s) if robot.sensors else None,
+        sensors=_channels(robot, case.hardware.sample_s, case.signals) if robot.sensors else None,
         delay_samples=case.delay_samples, arm_reference=True, exact_state=case.exact_state,
     )  # fmt: skip
     loop.hold(tau)
@@ -310,9 +318,10 @@ def run_case(
     )  # fmt: skip
 
 
-def _channels(robot: RobotModel, sample_s: float) -> SensorChannels:
+def _channels(robot: RobotModel, sample_s: float, signals: RobotFunction | None = None) -> SensorChannels:
     """The sensors of the model file; ArgumentError where one is slower than the drives."""
-    noise, late = [], []
+    noise: list[float] = []
+    late: list[int] = []
     for sensor in robot.sensors:
         if sensor.sample_s is not None and abs(sensor.sample_s - sample_s) > 1e-9 * sample_s:
             raise ArgumentError(
@@ -323,10 +332,10 @@ def _channels(robot: RobotModel, sample_s: float) -> SensorChannels:
             raise ArgumentError(
                 f"sensor {sensor.name}: given delay_s = {sensor.delay_s} s, expected a multiple of {sample_s} s"
             )
-        noise += [sensor.noise] * len(sensor.channels)
+        noise += sensor.noises
         late += [whole] * len(sensor.channels)
     none = np.zeros(len(noise))
-    return SensorChannels(np.array(noise), none, none, np.array(late, int))
+    return SensorChannels(np.array(noise), none, none, np.array(late, int), signals)
 
 
 def _of_lanes(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.environment.robot_function import RobotFunction
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_class
@@ -64,13 +65,15 @@ class SensorChannels:
     """The sensors other than the encoders, channel by channel, (n_s,) each.
 
     ``noise``: standard deviation of a sample; ``bias``; ``resolution``: smallest difference, 0: none;
-    ``delay_samples``: whole samples from the motion to the measurement. Units of the channels.
+    ``delay_samples``: whole samples from the motion to the measurement. Units of the channels. ``function``: signals
+    of sensors that feel the force on the tool; None: those of the library.
     """
 
     noise: np.ndarray
     bias: np.ndarray
     resolution: np.ndarray
     delay_samples: np.ndarray
+    function: RobotFunction | None = None
 
     @classmethod
     def ideal(cls, channels: int) -> SensorChannels:

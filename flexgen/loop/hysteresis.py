@@ -7,16 +7,14 @@ Rest, eigenvalues and controllers are those of the springs and dampers alone.
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.library.c_module import load_module
-from flexgen.library.casadi_module import casadi_module
+from flexgen.environment.robot_function import RobotFunction
 from flexgen.loop.plants import LocalDynamics, Plants
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.hysteresis import GearHysteresis, gear_hysteresis
@@ -24,47 +22,6 @@ from flexgen.mechanics.parameters import with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import hysteretic_joints
 from flexgen.simulation.hysteretic_rate import deflection_rates, generalized_force
-
-INPUTS, TOOL = 4, 6  # of the function; entries of a force and a torque on the tool
-
-
-class LoopHysteresis(ctypes.Structure):
-    """``loop_hysteresis`` of closed_loop.c."""
-
-    _fields_ = [
-        *[(name, ctypes.c_void_p) for name in "rate arg res iw w numbers".split()],
-        ("n_numbers", ctypes.c_int64),
-        ("point", ctypes.c_void_p),
-    ]
-
-
-@dataclass(frozen=True)
-class HystereticRobots:
-    """Robots of one model whose gears have hysteresis.
-
-    ``function``: rate of the state (q_a, v_a, q_m, v_m, s) of one robot; ``library``: the same in C; ``numbers``
-    (lanes, n_p + 2 n_g): its parameters, then W [N m] and K_h/W [1/rad] of each gear, zero where it has no hysteresis.
-    """
-
-    function: ca.Function
-    library: ctypes.CDLL
-    numbers: np.ndarray
-
-    def in_loop(self, lanes: int) -> tuple[LoopHysteresis, dict[str, np.ndarray]]:
-        """The structure for C, and the memory that it points to."""
-        assert len(self.numbers) == lanes
-        f = self.function
-        memory = {
-            "arg": np.zeros(f.sz_arg() + INPUTS, np.uintp),
-            "res": np.zeros(f.sz_res() + 1, np.uintp),
-            "iw": np.zeros(f.sz_iw() + 1, np.int64),
-            "w": np.zeros(f.sz_w() + 1),
-            "numbers": np.ascontiguousarray(self.numbers),
-            "point": np.zeros(2 * f.nnz_in(0) + f.nnz_in(1) + TOOL),
-        }
-        address = ctypes.cast(getattr(self.library, f.name()), ctypes.c_void_p)
-        at = {name: array.ctypes.data for name, array in memory.items()}
-        return LoopHysteresis(rate=address, n_numbers=self.numbers.shape[1], **at), memory
 
 
 def split_plants(model: RobotModel, plants: Plants) -> tuple[Plants, tuple[GearHysteresis, ...]]:
@@ -81,16 +38,16 @@ def split_plants(model: RobotModel, plants: Plants) -> tuple[Plants, tuple[GearH
 
 def hysteretic_robots(
     equations: Equations, values: np.ndarray, laws: Sequence[GearHysteresis], progress: Callable[[str], None]
-) -> HystereticRobots:
-    """Robots with run-time parameters ``values`` (lanes, n_p) of the equations and their ``laws``.
+) -> RobotFunction:
+    """The rate of the state (q_a, v_a, q_m, v_m, s) of robots with parameters ``values`` (lanes, n_p) and ``laws``.
 
-    BuildError where there is no compiler that works.
+    Its numbers (lanes, n_p + 2 n_g): the parameters, then W [N m] and K_h/W [1/rad] of each gear, zero where it has no
+    hysteresis. BuildError where there is no compiler that works.
     """
-    function = _rate(equations)
-    library = load_module(casadi_module(function, lambda line: progress(f"control: {line}")))
     slips = np.array([law.slip for law in laws])
     per_slip = np.array([law.stiffness / np.where(law.present, law.slip, np.inf) for law in laws])
-    return HystereticRobots(function, library, np.hstack([values, slips, per_slip]))
+    numbers = np.hstack([values, slips, per_slip])
+    return RobotFunction(_rate(equations), numbers, lambda line: progress(f"control: {line}"))
 
 
 def _rate(equations: Equations) -> ca.Function:

@@ -16,7 +16,7 @@ from flexgen.loop.reference import MotionReference
 from flexgen.loop.timing import Timing
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
-from flexgen.model.sensors import Sensor
+from flexgen.sensors import Sensor
 from flexgen.trajectory import Trajectory
 
 STEP_TIMES_RATE = 1.0  # of the prediction's Runge-Kutta method, which is stable below 2.78

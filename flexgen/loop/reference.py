@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.inversion.sampling import time_derivative
+from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 from flexgen.runtime.path_inversion import Inversion
@@ -22,6 +24,7 @@ from flexgen.torque_curve import read_degree
 from flexgen.trajectory import Trajectory
 
 MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
+TOOL = 6  # entries of a force and a torque on the tool
 MOST_SAMPLES = 2_000_000
 
 
@@ -72,7 +75,13 @@ def time_grid(first: float, last: float, sample_s: float, before_s: float, after
 
 
 def motion_reference(
-    trajectory: Trajectory, path: Path, sample_s: float, delay_s: float, library: Library, time: np.ndarray
+    trajectory: Trajectory,
+    path: Path,
+    sample_s: float,
+    delay_s: float,
+    library: Library,
+    time: np.ndarray,
+    signals: ca.Function | None = None,
 ) -> MotionReference:
     """References for a controller with a sample time and a delay from the measurement to the torque.
 
@@ -87,6 +96,8 @@ def motion_reference(
         With ``sensors`` where the model has any.
     time : array (n,) [s]
         The samples; the motion begins at one of them.
+    signals : casadi.Function, optional
+        Signals of the sensors from ``q_a, v_a, a_a, force``, instead of those of the library.
     """
     first, last = float(trajectory.time[0]), float(trajectory.time[-1])
     motion = trajectory.at(np.clip(time, first, last))
@@ -94,7 +105,10 @@ def motion_reference(
     for name in ("v_a", "a_a", "v_m", "a_m"):
         motion[name] = np.where(moving[:, None], motion[name], 0.0)
     y_s = np.zeros((len(time), library.sizes.get("n_s", 0)))
-    if "sensors" in library.functions:
+    if signals is not None:
+        force = motion.get("force", np.zeros((len(time), TOOL)))
+        y_s = evaluate(signals, *(motion[name] for name in MOTION[:3]), force)[0].reshape(len(time), -1)
+    elif "sensors" in library.functions:
         y_s = np.ascontiguousarray(library.sensors(motion["q_a"], motion["v_a"], motion["a_a"]))
     held = hold_torques(trajectory, time, sample_s, delay_s)
     wanted = path.sample(time)

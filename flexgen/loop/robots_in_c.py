@@ -38,6 +38,8 @@ class Robots(ctypes.Structure):
         ("together", ctypes.c_void_p),
         ("hysteresis", ctypes.c_void_p),
         ("n_z", ctypes.c_int32),
+        ("encoder_terms", ctypes.c_int32),
+        *[(name, ctypes.c_void_p) for name in "encoder_error signals wall".split()],
     ]
 
 

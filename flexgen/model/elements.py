@@ -25,7 +25,7 @@ from flexgen.model.moves import Program, check_name, unknown_move
 from flexgen.model.parts import Beam as Beam
 from flexgen.model.parts import Bending as Bending
 from flexgen.model.parts import Tolerances
-from flexgen.model.sensors import Sensor
+from flexgen.sensors import Sensor
 from flexgen.spec.fourier import FourierSum
 from flexgen.type_checks import checked_result, checked_types
 
@@ -218,6 +218,7 @@ class Motor:
     torque_speed: tuple[tuple[float, float], ...] = ()
     cogging: FourierSum | None = None
     torque_ripple: FourierSum | None = None
+    encoder_error: FourierSum | None = None  # [rad]: the encoder shows q_m + e(q_m)
 
 
 @dataclass(frozen=True)

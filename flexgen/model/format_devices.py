@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from flexgen.model.elements import ZERO, Gear, Motor, Vector, coordinates_of
-from flexgen.model.format_robot import COGGING, FRICTION, RIPPLE
-from flexgen.model.sensors import TOOL, UNITS, Sensor
+from flexgen.model.elements import ZERO, Coordinate, Gear, Motor, Vector, coordinates_of
+from flexgen.model.format_robot import COGGING, ENCODER_ERROR, FRICTION, RIPPLE
+from flexgen.sensors import TOOL, UNITS, WRENCH, Sensor
 from flexgen.spec.fourier import STEEPEST
 from flexgen.spec.keys import (
     Context,
@@ -30,6 +31,7 @@ from flexgen.spec.keys import (
 from flexgen.spec.tables import LARGEST, Table, closest
 
 MOST = 64  # sensors
+_JOINTS, _LINEAR = ("link_encoder", "joint_torque"), ("m", "mm", "N")  # sensors of joints; units of translations
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -102,6 +104,7 @@ def _read_curve(table: Table, key: Key, here: Context) -> tuple[tuple[float, flo
 _CURVE = Type(_read_curve, list_of(list_of({"type": "number"}, 2)) | {"minItems": 2})
 _POINTS = "largest torque over the speed, motor side: points from the speed 0 on that bound a convex region"
 _SHARE = "change of the torque that the motor gives, as a part of it, over the motor angle"
+_SHOWN = "what the encoder or resolver shows less the motor angle, over that angle; 1 and 2 periods a turn as a rule"
 _THERMAL = "time constant over which torque_rms_max holds, as of the winding"
 _RATIO = Type(_read_ratio, {"anyOf": [number().schema, vector().schema]})
 MOTOR = Format(
@@ -137,6 +140,7 @@ MOTOR = Format(
         Key("torque_speed", _CURVE, _POINTS, "rad/s, N m", default=()),
         Key("cogging", sub(COGGING), "torque on the rotor in addition, over the motor angle", default=None),
         Key("torque_ripple", sub(RIPPLE), _SHARE, default=None, check=_check_ripple),
+        Key("encoder_error", sub(ENCODER_ERROR), _SHOWN, default=None),
     ),
     make=lambda drives, **values: Motor(drives=tuple(drives), **values),
 )
@@ -201,31 +205,47 @@ def _read_axes(table: Table, key: Key, here: Context) -> tuple[tuple[tuple[float
     return tuple(axes), tuple(labels)
 
 
-def _units(here: Context) -> tuple[str, ...]:
-    """Units that a link encoder can send, by its coordinate."""
-    units = {coordinate.name: coordinate.unit for coordinate in coordinates_of(here.of_file("element"))}
-    return ("rad", "mrad", "deg") if units[here.values["coordinate"]] == "rad" else ("m", "mm")
+def _family(kind: str, linear: bool) -> tuple[str, ...]:
+    """Units of a sensor of a coordinate, of a translation or a rotation."""
+    return tuple(unit for unit in UNITS[kind] if (unit in _LINEAR) == linear)
 
 
-def _sensor(type: str, unit: str, noise: float, axes: Any = ((), ("",)), **values: Any) -> Sensor:
+def _units(kind: str) -> Callable[[Context], tuple[str, ...]]:
+    """Units that a sensor of a coordinate can send."""
+
+    def of(here: Context) -> tuple[str, ...]:
+        units = {coordinate.name: coordinate.unit for coordinate in _all(here)}
+        return _family(kind, units[here.values["coordinate"]] == "m")
+
+    return of
+
+
+def _sensor(type: str, unit: str, noise: float, axes: Any = None, **values: Any) -> Sensor:
     """A sensor in SI units."""
     place = values.pop("coordinate", None) or values.pop("element", TOOL)
-    family = ("m", "mm") if type == "link_encoder" and unit in ("m", "mm") else UNITS[type]
-    si = next(one for one in family if UNITS[type][one] == 1.0)
+    family = _family(type, unit in _LINEAR) if type in _JOINTS else UNITS[type]
+    factor, si = UNITS[type][unit], next(one for one in family if UNITS[type][one] == 1.0)
+    axes = axes or ((), WRENCH if type == "wrench" else ("",))
     values = {"position": ZERO} | values
-    noise *= UNITS[type][unit]
-    return Sensor(type=type, place=place, axes=axes[0], labels=axes[1], noise=noise, unit=si, **values)
+    values |= {key: factor * values[key] for key in ("moment_noise", "gauge", "offset") if key in values}
+    return Sensor(type=type, place=place, axes=axes[0], labels=axes[1], noise=factor * noise, unit=si, **values)
 
 
 _AXIS = {"anyOf": [{"enum": [*_AXES]}, list_of({"type": "number"}, 3)]}
 _DIRECTIONS = Type(_read_axes, {"type": "array", "items": _AXIS, "minItems": 1, "maxItems": 3})
 _ALL = (tuple(_AXES.values()), tuple(_AXES))
 _DIRECTIONS_KEY = Key("axes", _DIRECTIONS, "measured directions: x, y, z or vectors; default all three", default=_ALL)
-_COORDINATE = Key(
-    "coordinate",
-    known(lambda here: [coordinate.name for coordinate in coordinates_of(here.of_file("element"))]),
-    "the arm coordinate that the encoder measures",
-)
+
+
+def _coordinate(doc: str, measured: Callable[[Coordinate], bool] = lambda one: True) -> Key:
+    """The key of the coordinate that is measured."""
+    return Key("coordinate", known(lambda here: [c.name for c in _all(here) if measured(c)]), doc)
+
+
+def _all(here: Context) -> tuple[Coordinate, ...]:
+    return coordinates_of(here.of_file("element"))
+
+
 _ELEMENT = Key(
     "element",
     known(lambda here: [*here.names["element"], TOOL]),
@@ -247,7 +267,7 @@ def _values(sensor: Sensor) -> dict[str, Any]:
 
 def _kind(kind: str, doc: str, own: tuple[Key, ...], *place: Key) -> Format:
     """The table of a kind of sensor: its own keys, the unit, the position, and the keys of all kinds."""
-    units = choice(*UNITS[kind], of=_units if kind == "link_encoder" else None)
+    units = choice(*UNITS[kind], of=_units(kind) if kind in _JOINTS else None)
     shared = (
         Key("noise", number(least=0.0), "standard deviation of a sample, in this unit", default=0.0),
         Key("sample_s", number(above=0.0), "sample time []; default: that of the drives", "s", None),
@@ -258,13 +278,24 @@ def _kind(kind: str, doc: str, own: tuple[Key, ...], *place: Key) -> Format:
 
 _ACCELERATION = "acceleration minus gravity at a point of a body"
 _TRACKER = "position of a point of the tool, or of another body, in the world"
+_TORQUE = "torque of gear or spring and damper on the arm; force of a translation"
+_ANGLE = "the arm coordinate that is measured"
+_JOINT = "the degree of freedom; not a deflection of a beam"
+_WRENCH = "force and moment that hold a body and the parts behind it, at a point; tool: the payload and what acts on it"
+_MOMENT_NOISE = Key("moment_noise", number(least=0.0), "as noise, of the moments, in this unit times m", default=0.0)
+_STRAIN, _SPRING = "gauge q + offset: what a strain gauge on a spring reads", "a coordinate without motor"
+_GAUGE = Key("gauge", number(), "reading per deflection, in this unit", "1/rad or 1/m")
+_OFFSET = Key("offset", number(), "reading without deflection, in this unit", default=0.0)
 SENSOR = Kinds(
     "sensor",
     {
         "accelerometer": _kind("accelerometer", _ACCELERATION, (_DIRECTIONS_KEY, _ELEMENT), _POSITION),
         "gyro": _kind("gyro", "angular velocity of a body", (_DIRECTIONS_KEY, _ELEMENT)),
-        "link_encoder": _kind("link_encoder", "an arm coordinate", (_COORDINATE,)),
+        "link_encoder": _kind("link_encoder", "an arm coordinate", (_coordinate(_ANGLE),)),
         "tracker": _kind("tracker", _TRACKER, (_DIRECTIONS_KEY, replace(_ELEMENT, default=TOOL)), _POSITION),
+        "joint_torque": _kind("joint_torque", _TORQUE, (_coordinate(_JOINT, lambda one: one.dof is not None),)),
+        "wrench": _kind("wrench", _WRENCH, (_ELEMENT,), _POSITION, _MOMENT_NOISE),
+        "strain": _kind("strain", _STRAIN, (_coordinate(_SPRING, lambda one: not one.actuated),), _GAUGE, _OFFSET),
     },
     shared=(Key("name", name("sensor"), "name of the sensor"),),
     strict=False,

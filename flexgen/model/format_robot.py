@@ -274,6 +274,7 @@ HYSTERESIS = Format(
 )
 ERROR = fourier_sum(_either("rad"), "transmission_error")
 COGGING, RIPPLE = fourier_sum("N m", "cogging"), fourier_sum("", "torque_ripple")
+ENCODER_ERROR = fourier_sum("rad", "encoder_error")
 _PEAKS = (
     Key("torque_max", number(above=0.0), "limit of the torque, at the joint", "N m or N", None),
     Key("torque_rms_max", number(above=0.0), "limit of its root mean square over a motion", "N m or N", None),

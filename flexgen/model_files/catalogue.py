@@ -9,12 +9,12 @@ from typing import Any
 
 from flexgen.errors import FlexgenError, ModelError
 from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel
-from flexgen.model.format_robot import COGGING, GEAR, JOINT_SPRING, RIPPLE, friction
+from flexgen.model.format_robot import COGGING, ENCODER_ERROR, GEAR, JOINT_SPRING, RIPPLE, friction
 from flexgen.model.reader import model_names, read
 from flexgen.spec.schema import write
 from flexgen.type_checks import checked_types
 
-SUMS = {"cogging": COGGING, "torque_ripple": RIPPLE}  # of the angle of a motor
+SUMS = {"cogging": COGGING, "torque_ripple": RIPPLE, "encoder_error": ENCODER_ERROR}  # of the angle of a motor
 
 
 @checked_types

@@ -15,9 +15,9 @@ from flexgen.errors import ArgumentError, BuildError, FlexgenError, ModelError
 from flexgen.library.generate import generate
 from flexgen.model.moves import Program
 from flexgen.model.reader import read
-from flexgen.model.sensors import Sensor
 from flexgen.paths.path import plan
 from flexgen.reports.view import view
+from flexgen.sensors import Sensor
 
 pytestmark = needs_compiler
 

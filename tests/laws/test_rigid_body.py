@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import flexgen
+from flexgen.analysis.feasible_bodies import pseudo_inertia
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.gear_deflection import gear_deflection
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
 from flexgen.identification.recordings.rigid_body import Motion, Regressor, identify_rigid
 from flexgen.identification.recordings.rigid_file import rigid_deviations, rigid_numbers, write_rigid
-from flexgen.mechanics.feasible_bodies import pseudo_inertia
 from flexgen.model.elements import Body
 from flexgen.numerics.evaluate import evaluate
 

@@ -36,7 +36,7 @@ TABLES: dict[str, Form] = {
     "`gear`": GEAR,
     "`spring` of a gear": SPRING,
     "`hysteresis`": HYSTERESIS,
-    "`transmission_error`, `cogging`, `torque_ripple`": ERROR,
+    "`transmission_error`, `cogging`, `torque_ripple`, `encoder_error`": ERROR,
     "`spring` of a degree of freedom": JOINT_SPRING,
     "`friction`": friction(),
     "`counterbalance`": COUNTERBALANCE,

@@ -78,6 +78,24 @@ unit = "mrad"
 name = "laser"
 type = "tracker"
 unit = "mm"
+[[sensor]]
+name = "gear0"
+type = "joint_torque"
+coordinate = "q0"
+unit = "N m"
+[[sensor]]
+name = "flange"
+type = "wrench"
+element = "tool"
+unit = "kN"
+moment_noise = 1e-3
+[[sensor]]
+name = "gauge"
+type = "strain"
+coordinate = "p0"
+unit = "um/m"
+gauge = 2e3
+offset = -5
 [servo]
 type = "cascade"
 position_gain = [20, 20, 20, 20, 20, 20]
@@ -150,6 +168,7 @@ def everything(folder: Path) -> Path:
         text += 'axis = [0, 0, 1]\ncarrier = "base"\n'
         text += "torque_rate_max = 9e3\ntorque_rms_max = 9\nthermal_time = 60\ntorque_speed = [[0, 9], [300, 5]]\n"
         text += "cogging = { harmonics = [6], sin = [0.1] }\ntorque_ripple = { harmonics = [6], cos = [0.01] }\n"
+        text += "encoder_error = { harmonics = [2], cos = [1e-4] }\n"
     path = folder / "everything.toml"
     path.write_text(EVERYTHING.format(elements=text))
     return path

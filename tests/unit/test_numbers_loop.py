@@ -464,8 +464,8 @@ def test_noises_relative_to_the_largest_torques() -> None:
 
 
 def test_sensors_of_a_model_have_whole_delays_of_the_controller() -> None:
-    one = SimpleNamespace(name="a", sample_s=None, delay_s=2e-3, noise=0.5, channels=("x", "y"))
-    two = SimpleNamespace(name="b", sample_s=1e-3, delay_s=0.0, noise=0.1, channels=("z",))
+    one = SimpleNamespace(name="a", sample_s=None, delay_s=2e-3, noises=(0.5, 0.5), channels=("x", "y"))
+    two = SimpleNamespace(name="b", sample_s=1e-3, delay_s=0.0, noises=(0.1,), channels=("z",))
     found = control._channels(SimpleNamespace(sensors=(one, two)), 1e-3)
     assert found.noise.tolist() == [0.5, 0.5, 0.1] and found.delay_samples.tolist() == [2, 2, 0]
     assert not found.bias.any() and not found.resolution.any()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from flexgen import sensors
 from flexgen.analysis import zeros
 from flexgen.benchmarks import foreign, scenario_file
 from flexgen.cli import main as cli
@@ -23,7 +24,7 @@ from flexgen.identification.recordings import description, rigid_accuracy
 from flexgen.inversion import choice, limits, problem, settling, solve
 from flexgen.laws import lq, state_lq, study
 from flexgen.loop import closed_loop, control, interface
-from flexgen.model import format_robot, sensors
+from flexgen.model import format_robot
 from flexgen.observers import collision, constant_gain
 from flexgen.planning import problem as planning
 from flexgen.planning import result as planned
@@ -105,8 +106,8 @@ SENTENCES = {
         ("An arm has at most {:d} coordinates", format_robot.COORDINATES_MAX),
     ),
 }
-FACTORS = {"": 1.0, "m": 1e-3, "u": 1e-6}
-UNITS = {"rad": 1.0, "m": 1.0, "s": 1.0, "g": 9.80665, "deg": math.pi / 180.0, "N m": 1.0, "A": 1.0}
+FACTORS = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6}
+UNITS = {"rad": 1.0, "m": 1.0, "s": 1.0, "g": 9.80665, "deg": math.pi / 180.0, "N m": 1.0, "A": 1.0, "N": 1.0, "1": 1.0}
 RANGES = {  # rows of docs/own_robot.md: the ranges in the order of the row
     "lowest mode of each spring": (numbers.FREQUENCY,),
     "damping ratio": (numbers.DAMPING,),
@@ -159,7 +160,7 @@ def si(unit: str) -> float:
 
 def whole(unit: str, base: str) -> bool:
     """Whether a unit is this base with a known prefix, and no other base."""
-    return unit == base or (unit[: -len(base)] in {"m", "u"} and unit not in UNITS)
+    return unit == base or (unit[: -len(base)] in {"k", "m", "u"} and unit not in UNITS)
 
 
 @pytest.mark.parametrize(

@@ -66,9 +66,9 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.model.sensors import UNITS
 from flexgen.npz_files import NpzError, read_npz
 from flexgen.numerics.records import lost_samples
+from flexgen.sensors import UNITS
 from flexgen.spec.tables import Table, parse_file
 
 KEYS = (

@@ -27,12 +27,12 @@ import casadi as ca
 import numpy as np
 from scipy.signal import savgol_filter
 
+from flexgen.analysis.feasible_bodies import Feasible, body_of, numbers_of, scales
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings import rigid_accuracy
 from flexgen.identification.recordings.counterbalances import fitted_balances, held_balances
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.feasible_bodies import Feasible, body_of, numbers_of, scales
 from flexgen.model.elements import Body, Friction, Motor, RobotModel
 from flexgen.model.format_robot import HARMONICS
 from flexgen.model.friction import refuse_harmonics

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.feasible_bodies import body_of, scales
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.description import Description, read_description
 from flexgen.identification.recordings.gear_deflection import GearDeflection, gear_deflection
 from flexgen.identification.recordings.rigid_body import BODY, Motion, RigidFit, identify_rigid
 from flexgen.identification.result import write_model
-from flexgen.mechanics.feasible_bodies import body_of, scales
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported

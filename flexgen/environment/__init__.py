@@ -1,0 +1,1 @@
+"""What sensors of a robot read, and walls that its tool touches."""
