@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.inversion.gear_hysteresis import with_hysteresis
+from flexgen.inversion.memory import with_hysteresis
 from flexgen.inversion.sampling import from_library
 from flexgen.mechanics.hysteresis import without_hysteresis
 from flexgen.runtime.path_inversion import Inverter

@@ -20,7 +20,7 @@ from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import has_harmonics, hysteretic_joints
+from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints
 
 # of gears without hysteresis, motors without Fourier sums of their angle
 OF_PLAIN_MOTORS = ("invert_limited", "invert_limited_work", "stream_limits")
@@ -383,6 +383,8 @@ def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
     """Why a library with these functions has no invert and stream; None where it has them."""
     missing = [name for name in offered_functions(model) if name in INVERTING and name not in functions]
     obstacle = f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
+    if motors := bristled_motors(model):
+        return f"motor {motors[0]} has lugre, a friction that depends on the motion before"
     return model.inversion_obstacle() or obstacle
 
 

@@ -28,6 +28,7 @@ NEWER = (
     "cogging",
     "torque_ripple",
     "encoder_error",
+    "lugre",
     "Gear.torque_max",
     "torque_rms_max",
     "torque_rate_max",

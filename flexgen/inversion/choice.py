@@ -8,7 +8,13 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import has_kinks
 from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import has_harmonics, hysteretic_joints, refuse_harmonics, refuse_hysteresis
+from flexgen.model.friction import (
+    bristled_motors,
+    has_harmonics,
+    hysteretic_joints,
+    refuse_harmonics,
+    refuse_hysteresis,
+)
 
 FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 
@@ -42,7 +48,7 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
         names.append("full")
     found = (find_method(name) for name in names)
     able = (method for method in found if problem.limits is None or method.keeps_limits)
-    known = problem.force is None and not hysteretic_joints(robot) and not has_harmonics(robot)
+    known = problem.force is None and not (hysteretic_joints(robot) or bristled_motors(robot) or has_harmonics(robot))
     return tuple(method for method in able if known or method.takes_force)
 
 

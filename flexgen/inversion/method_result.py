@@ -40,6 +40,8 @@ class MethodResult:
     warnings : tuple of str
     tau_h : array (n, n_g) or None [N m]
         Torques of the gears' hysteresis, arm side; None where no gear has any.
+    tau_b : array (n, n_m) or None [N m]
+        Torques ``s0 z + s1 z'`` of the bristles of the motors' friction; None where no motor has any.
     """
 
     t: np.ndarray
@@ -56,6 +58,7 @@ class MethodResult:
     details: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     tau_h: np.ndarray | None = None
+    tau_b: np.ndarray | None = None
 
 
 def with_motors(

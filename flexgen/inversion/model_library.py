@@ -56,8 +56,9 @@ def inversion_library(
     """
     from flexgen.library.model_library import library_with
     from flexgen.mechanics.hysteresis import without_hysteresis
+    from flexgen.memory.lugre import without_lugre
 
-    model = without_hysteresis(equations.model)  # the motors behind it are computed after the arm's motion
+    model = without_lugre(without_hysteresis(equations.model))  # motors are computed after the arm's motion
     reason = model.inversion_obstacle()
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use --method full")

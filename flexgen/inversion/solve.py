@@ -26,7 +26,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import hysteretic_joints
+from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.paths.path import find_move
 from flexgen.progress import Choice, reported
 from flexgen.registry import find_function, import_object
@@ -257,10 +257,11 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
     """The result of a method on intervals of ``h`` [s]."""
     solver: Callable[[InversionProblem, float], MethodResult] = import_object(f"{method.module}:{method.function}")
     result = solver(problem, h)
-    if hysteretic_joints(problem.equations.model):
-        from flexgen.inversion.gear_hysteresis import with_hysteresis
+    robot = problem.equations.model
+    if hysteretic_joints(robot) or bristled_motors(robot):
+        from flexgen.inversion.memory import with_memory
 
-        return with_hysteresis(problem.equations, result)
+        return with_memory(problem.equations, result)
     return result
 
 
@@ -411,6 +412,8 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
         rows.append(problem.force.channel(t))
     if result.tau_h is not None:
         rows.append(("tau_h", result.tau_h, of_g, "torques of the gears' hysteresis, arm side", names_g))
+    if result.tau_b is not None:
+        rows.append(("tau_b", result.tau_b, "N m", "torques of the bristles of the motors' friction", names_m))
     units = {name: (unit,) * len(labels) if isinstance(unit, str) else unit for name, _, unit, _, labels in rows}
     return Trajectory(
         t,

@@ -37,6 +37,7 @@ from flexgen.loop.result import ControlRun, PlantRun, output_errors
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.hysteresis import without_hysteresis
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.friction import refuse_lugre
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
 from flexgen.spec.arguments import check_not_negative, is_number, mapping_of, seed_of
@@ -214,6 +215,7 @@ def control_case(
     """The same without a controller: solve the move, make the robots, find their rest positions; see `control`."""
     tell = progress or (lambda line: None)
     robot = robot_of(model)
+    refuse_lugre(robot, "control")
     _check_times(sample_time, delay)
     seed = seed_of(seed)
     check_not_negative("encoder_noise", encoder_noise)

@@ -13,6 +13,7 @@ m1.inertia           inertia of a rotor; only by its own name
 m1.cogging_cos_6 ..  a coefficient of a Fourier sum of a motor angle; only by its own name; of a joint ``q1``:
                      ``q1.transmission_error_sin_2``; also ``m1.torque_ripple_cos_6``
 q1.lost_motion       of a gear with hysteresis; ``lost_motion``: of all; ``q1.hysteresis_stiffness`` by its own name
+m1.lugre_coulomb     and other numbers of the table ``lugre`` of a motor; ``lugre_coulomb``: of all
 arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body; only by their own names
 ==================== ==============================================================================================
 
@@ -245,8 +246,14 @@ def _motor(motor: Motor, visit: Visit) -> Motor:
         name: _fourier_sum(getattr(motor, name), f"{motor.name}.{name}", unit, key, visit)
         for name, unit in (("cogging", "N m"), ("torque_ripple", "1"))
     }
-    friction = _friction(motor.friction, motor.name, part, _angular, key, visit)
-    return replace(motor, inertia=inertia, friction=friction, **sums)
+    friction, lugre = _friction(motor.friction, motor.name, part, _angular, key, visit), motor.lugre
+    if lugre is not None:
+        from flexgen.spec.memory import LUGRE
+
+        of, at, units = f"{motor.name}.lugre", f"{key}.lugre", {row.name: row.unit for row in LUGRE.keys}
+        given = {k: Parameter(f"{of}_{k}", getattr(lugre, k), units[k], f"lugre of {part}", f"{at}.{k}") for k in units}
+        lugre = replace(lugre, **{k: visit(each, f"lugre_{k}") for k, each in given.items()})
+    return replace(motor, inertia=inertia, friction=friction, lugre=lugre, **sums)
 
 
 def _fourier_sum(given: FourierSum | None, name: str, unit: str, key: str, visit: Visit) -> FourierSum | None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexgen.model.friction import has_harmonics, hysteretic_joints
+from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints
 
 if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
@@ -416,6 +416,9 @@ def function_obstacles(model: RobotModel) -> dict[str, str | None]:
     obstacles |= dict.fromkeys(INVERSION, model.inversion_obstacle())
     if joints := hysteretic_joints(model):
         reason = f"the gear of {joints[0]} has hysteresis, whose torque depends on the motion before"
+        obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
+    if motors := bristled_motors(model):
+        reason = f"motor {motors[0]} has lugre, a friction that depends on the motion before"
         obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
     if not has_harmonics(model):
         obstacles["motor_harmonics"] = f"model {model.name} has no transmission error, cogging or torque ripple"

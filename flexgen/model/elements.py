@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from flexgen.display import table_html
 from flexgen.errors import ArgumentError
 from flexgen.model.friction import FRICTION_LAWS as FRICTION_LAWS
 from flexgen.model.friction import NO_FRICTION, Friction
-from flexgen.model.friction import Hysteresis as Hysteresis
 from flexgen.model.friction import friction_key as friction_key
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
@@ -28,6 +27,9 @@ from flexgen.model.parts import Tolerances
 from flexgen.sensors import Sensor
 from flexgen.spec.fourier import FourierSum
 from flexgen.type_checks import checked_result, checked_types
+
+if TYPE_CHECKING:
+    from flexgen.spec.memory import Hysteresis, LuGre
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
@@ -200,7 +202,7 @@ class Motor:
     ``torque_rate_max`` [N m/s], ``torque_rms_max`` [N m], the root mean square with the time constant ``thermal_time``
     [s] of the winding (None: over the whole motion), and ``torque_speed``, points (speed [rad/s], torque [N m]) of the
     largest torque over the speed. Sums of the motor angle: ``cogging`` [N m], a torque that acts on the rotor in
-    addition, and ``torque_ripple`` r; the motor gives ``tau_m (1 + r(q_m))``.
+    addition, and ``torque_ripple`` r; the motor gives ``tau_m (1 + r(q_m))``. ``lugre`` adds to ``friction``.
     """
 
     name: str
@@ -219,6 +221,7 @@ class Motor:
     cogging: FourierSum | None = None
     torque_ripple: FourierSum | None = None
     encoder_error: FourierSum | None = None  # [rad]: the encoder shows q_m + e(q_m)
+    lugre: LuGre | None = None
 
 
 @dataclass(frozen=True)

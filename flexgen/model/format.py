@@ -290,5 +290,6 @@ def model_schema() -> Schema:
         {"required": needed, "not": {"required": ["urdf"]}},
         {"required": ["urdf"], "not": {"required": ["element"]}},
     ]
-    forms = [form for form in (*vars(robot).values(), robot.friction()) if getattr(form, "definition", "")]
+    every = (*vars(robot).values(), robot.friction(), robot.hysteresis(), robot.lugre())
+    forms = [form for form in every if getattr(form, "definition", "")]
     return root | {"definitions": {form.definition: table_schema(form) for form in forms}}

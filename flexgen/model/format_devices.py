@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.model.elements import ZERO, Coordinate, Gear, Motor, Vector, coordinates_of
-from flexgen.model.format_robot import COGGING, ENCODER_ERROR, FRICTION, RIPPLE
+from flexgen.model.format_robot import COGGING, ENCODER_ERROR, FRICTION, RIPPLE, lugre
 from flexgen.sensors import TOOL, UNITS, WRENCH, Sensor
 from flexgen.spec.fourier import STEEPEST
 from flexgen.spec.keys import (
@@ -141,6 +141,7 @@ MOTOR = Format(
         Key("cogging", sub(COGGING), "torque on the rotor in addition, over the motor angle", default=None),
         Key("torque_ripple", sub(RIPPLE), _SHARE, default=None, check=_check_ripple),
         Key("encoder_error", sub(ENCODER_ERROR), _SHOWN, default=None),
+        Key("lugre", sub(lugre), "friction with a state, in addition to friction", default=None),
     ),
     make=lambda drives, **values: Motor(drives=tuple(drives), **values),
 )

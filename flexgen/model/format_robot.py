@@ -22,7 +22,6 @@ from flexgen.model.elements import (
     Dof,
     Friction,
     Gear,
-    Hysteresis,
     LinearSpring,
     Matrix,
     PiecewiseSpring,
@@ -263,15 +262,20 @@ def friction() -> Kinds:
     return Kinds("friction law", _Laws(), default=next(iter(FRICTION_LAWS)), strict=False, definition="friction")
 
 
-HYSTERESIS = Format(
-    "hysteresis of a gear by Dahl's law, in parallel with its spring",
-    (
-        Key("lost_motion", number(above=0.0), "width of the hysteresis at zero torque, at the joint", _either("rad")),
-        replace(_STIFFNESS, doc="stiffness that is added after a reversal, on the side of the spring"),
-    ),
-    make=Hysteresis,
-    definition="hysteresis",
-)
+def hysteresis() -> Format:
+    """The hysteresis of a gear."""
+    from flexgen.spec.memory import HYSTERESIS
+
+    return HYSTERESIS
+
+
+def lugre() -> Format:
+    """The friction with a state of a motor."""
+    from flexgen.spec.memory import LUGRE
+
+    return LUGRE
+
+
 ERROR = fourier_sum(_either("rad"), "transmission_error")
 COGGING, RIPPLE = fourier_sum("N m", "cogging"), fourier_sum("", "torque_ripple")
 ENCODER_ERROR = fourier_sum("rad", "encoder_error")
@@ -286,7 +290,7 @@ _ELASTIC = Format(
         Key("side", choice("arm", "motor"), "the side of the gear to which spring and damping refer"),
         Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
         DAMPING,
-        Key("hysteresis", sub(HYSTERESIS), "hysteresis in parallel with the spring; default: none", default=None),
+        Key("hysteresis", sub(hysteresis), "hysteresis in parallel with the spring; default: none", default=None),
         Key("transmission_error", sub(ERROR), "transmission error at the joint, over the motor angle", default=None),
         *_PEAKS,
     ),

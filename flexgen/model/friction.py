@@ -1,4 +1,4 @@
-"""Friction laws: the default law, those of other packages by their ``type`` in a model file, hysteresis of gears.
+"""Friction laws: the default law, those of other packages by their ``type`` in a model file; models with states.
 
 The torque of a law is in `flexgen.mechanics.force_laws`; a law of another package has a method ``torque(w)``.
 """
@@ -64,29 +64,30 @@ def added_sources(laws: Iterable[Friction]) -> list[Path]:
     return sorted({Path(file) for module in modules if (file := getattr(module, "__file__", None))})
 
 
-@dataclass(frozen=True)
-class Hysteresis:
-    """Dahl's hysteresis of a gear: a torque z in addition to its spring, which follows the deflection d and slips at W.
-
-        z' = K_h (d' - |d'| z/W),    W = K lost_motion/2,    K: stiffness of the spring at zero
-
-    Source: P. R. Dahl, AIAA Journal 14(12), 1976.
-    """
-
-    lost_motion: float  # at the joint: width of the hysteresis at zero torque, 2 W/K [rad or m]
-    stiffness: float  # K_h, added after a reversal [N m/rad or N/m], on the side of the spring
-
-
 def hysteretic_joints(model: Any) -> list[str]:
     """Names of the coordinates of a `RobotModel` whose gears have hysteresis."""
     dofs = (coordinate.dof for coordinate in model.coordinates)
     return [dof.name for dof in dofs if dof is not None and dof.gear is not None and dof.gear.hysteresis is not None]
 
 
+def bristled_motors(model: Any) -> list[str]:
+    """Names of the motors of a `RobotModel` whose friction has a state, the table ``lugre``."""
+    return [motor.name for motor in model.motors if motor.lugre is not None]
+
+
+def refuse_lugre(model: Any, what: str) -> None:
+    """ArgumentError for a model with such a friction: ``what`` does not take it into account."""
+    if names := bristled_motors(model):
+        raise ArgumentError(
+            f"{what}: given {model.title}, whose motor {names[0]} has lugre, expected motors without it, which only "
+            "solve without limits and simulate take into account; remove the table lugre of the motor"
+        )
+
+
 def refuse_hysteresis(model: Any, what: str) -> None:
-    """ArgumentError for a model with hysteresis: ``what`` does not take it into account."""
-    names = hysteretic_joints(model)
-    if names:
+    """ArgumentError for a model with elements that have a state: ``what`` does not take them into account."""
+    refuse_lugre(model, what)
+    if names := hysteretic_joints(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
             "only solve, simulate, control, generate and identify_gears take into account; remove the table hysteresis "
@@ -108,9 +109,9 @@ def has_harmonics(model: Any) -> str:
 
 
 def refuse_harmonics(model: Any, what: str) -> None:
-    """ArgumentError for a model with Fourier sums of a motor angle: ``what`` does not take them into account."""
-    found = has_harmonics(model)
-    if found:
+    """ArgumentError for a model with Fourier sums of a motor angle or friction with a state, which ``what`` ignores."""
+    refuse_lugre(model, what)
+    if found := has_harmonics(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose {found}, expected gears and motors without transmission_error, "
             "cogging and torque_ripple, which only solve without limits, simulate, control and generate take into "

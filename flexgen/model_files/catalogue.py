@@ -11,10 +11,11 @@ from flexgen.errors import FlexgenError, ModelError
 from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel
 from flexgen.model.format_robot import COGGING, ENCODER_ERROR, GEAR, JOINT_SPRING, RIPPLE, friction
 from flexgen.model.reader import model_names, read
+from flexgen.spec.memory import LUGRE
 from flexgen.spec.schema import write
 from flexgen.type_checks import checked_types
 
-SUMS = {"cogging": COGGING, "torque_ripple": RIPPLE, "encoder_error": ENCODER_ERROR}  # of the angle of a motor
+TABLES = {"cogging": COGGING, "torque_ripple": RIPPLE, "encoder_error": ENCODER_ERROR, "lugre": LUGRE}  # of a motor
 
 
 @checked_types
@@ -199,8 +200,9 @@ def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:
         "ratio_unit": [f"rad/{units[name]}" for name in motor.drives],
         "inertia": motor.inertia,
         "friction": _friction(motor.friction),
-        **_other_fields(motor, "name", "drives", "ratio", "inertia", "friction", "axis", "carrier", *SUMS),
+        **_other_fields(motor, "name", "drives", "ratio", "inertia", "friction", "axis", "carrier", *TABLES),
         **{
-            key: None if getattr(motor, key) is None else write(form, getattr(motor, key)) for key, form in SUMS.items()
+            key: None if getattr(motor, key) is None else write(form, getattr(motor, key))
+            for key, form in TABLES.items()
         },
     }

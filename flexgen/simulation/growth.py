@@ -33,7 +33,8 @@ AT_REST, AT_REST_ABS = 1e-4, 1e-9  # of the largest speed; rad/s or m/s: roundin
 class Motion:
     """Motion and torque at n instants ``t``: arm ``q_a v_a a_a`` (n, n_a), motors ``q_m v_m a_m tau_m`` (n, n_m).
 
-    ``force`` (n, 6): force and torque on the tool; ``tau_h`` (n, n_g): torques of the gears' hysteresis; None: nothing.
+    ``force`` (n, 6): force and torque on the tool; ``tau_h`` (n, n_g): torques of the gears' hysteresis, ``tau_b``
+    (n, n_m): of the bristles of the motors; None: nothing.
     """
 
     t: np.ndarray
@@ -46,6 +47,7 @@ class Motion:
     tau_m: np.ndarray
     force: np.ndarray | None = None
     tau_h: np.ndarray | None = None
+    tau_b: np.ndarray | None = None
 
 
 def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
@@ -58,7 +60,8 @@ def motion_of(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray])
             return None
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     finite = all(np.isfinite(x).all() for x in found.values())
-    return Motion(data.time, **found, force=given.get("force"), tau_h=data.channels.get("tau_h")) if finite else None
+    force, (tau_h, tau_b) = given.get("force"), map(data.channels.get, ("tau_h", "tau_b"))
+    return Motion(data.time, **found, force=force, tau_h=tau_h, tau_b=tau_b) if finite else None
 
 
 @dataclass(frozen=True)

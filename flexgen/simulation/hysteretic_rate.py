@@ -1,4 +1,4 @@
-"""Equations of motion of robots whose gears have hysteresis, with the torques of the gears as states."""
+"""Equations of motion of robots whose gears have hysteresis, or motors bristles, with their torques as states."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.hysteresis import gear_hysteresis
 from flexgen.mechanics.motor_harmonics import gear_rates
+from flexgen.memory.lugre import bristle_rates, motor_bristles
 from flexgen.model.elements import RobotModel
 
 
@@ -25,29 +26,62 @@ def generalized_force(model: RobotModel, z: ca.SX, q_m: ca.SX) -> ca.SX:
 def deflection_rates(equations: Equations) -> ca.SX:
     """Rates d' (n_g,) of the deflections of all gears, arm side [rad/s]."""
     model, lag = equations.model, equations.lagrangian
-    i_g = list(model.i_g)
-    geared = ca.mtimes(ca.SX(ca.DM(model.eta)), lag.chain.v_a[i_g])
-    v_m = ca.vertcat(*[lag.v_m[j] if j in model.i_m else geared[j] for j in range(model.n_m)])
-    return ca.mtimes(gear_rates(equations.with_symbols, lag.q_m), v_m) - lag.chain.v_a[i_g]
+    rates = gear_rates(equations.with_symbols, lag.q_m)
+    return ca.mtimes(rates, motor_speeds(equations)) - lag.chain.v_a[list(model.i_g)]
+
+
+def motor_force(model: RobotModel, tau: ca.SX) -> ca.SX:
+    """Forces on y = (q_a, q_me) (n,) of torques ``tau`` (n_m,) on the rotors [N m]."""
+    forces = ca.SX.zeros(model.dof)
+    for k, j in enumerate(model.i_m):
+        forces[model.n_a + k] += tau[j]
+    for j in set(range(model.n_m)) - set(model.i_m):
+        for k, i in enumerate(model.i_g):
+            forces[i] += float(model.eta[j, k]) * tau[j]
+    return forces
+
+
+def motor_speeds(equations: Equations) -> ca.SX:
+    """Speeds (n_m) of all motors; those behind rigid gears follow their joints."""
+    model, lag = equations.model, equations.lagrangian
+    geared = ca.mtimes(ca.SX(ca.DM(model.eta)), lag.chain.v_a[list(model.i_g)])
+    return ca.vertcat(*[lag.v_m[j] if j in model.i_m else geared[j] for j in range(model.n_m)])
+
+
+def slip_torques(model: RobotModel) -> np.ndarray:
+    """Torques at which the states of `hysteretic_rate` slip [N m]."""
+    gears, motors = gear_hysteresis(model), motor_bristles(model)
+    return np.concatenate([x for x in (gears.slip, motors.static) if x.any()])
 
 
 def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Rates of the motion and of the hysteresis, for the definition's equations of motion.
+    """Rates of the motion, and of torques of hysteresis and bristles, for the definition's equations of motion.
 
     Returns
     -------
     inputs : list
-        State (q_a, q_me, v_a, v_me) (2 n), torques z of all gears (n_g), motor torques (n_m); then the force on the
-        tool (6,) where the equations have one.
+        State (q_a, q_me, v_a, v_me) (2 n); torques z of all gears (n_g) where one has hysteresis, then torques s0 z
+        of the bristles of all motors (n_m) where one has them; motor torques (n_m); then the force on the tool (6,)
+        where the equations have one.
     outputs : list
-        Rate of the state (2 n), of z (n_g), and the power that goes into the hysteresis [W].
+        Rate of the state (2 n), of the torques, and the power that goes into hysteresis and bristles [W].
     """
     model, lag, (y, dy, _) = equations.model, equations.lagrangian, equations.y
-    law, z = gear_hysteresis(model), ca.SX.sym("z", model.n_g)
-    acceleration = equations.acceleration_under(generalized_force(model, z, lag.q_m))
-    rate = deflection_rates(equations)
-    slip = np.where(law.present, law.slip, 1.0)
-    dz = ca.DM(law.stiffness) * (rate - ca.fabs(rate) * z / ca.DM(slip))
+    law, motors, rates, taken = gear_hysteresis(model), motor_bristles(model), [], ca.SX(0)
+    z, forces = ca.SX.sym("z", len(slip_torques(model))), ca.SX.zeros(model.dof)
+    if law.present.any():
+        z_g, rate = z[: model.n_g], deflection_rates(equations)
+        forces += generalized_force(model, z_g, lag.q_m)
+        slip = np.where(law.present, law.slip, 1.0)
+        rates.append(ca.DM(law.stiffness) * (rate - ca.fabs(rate) * z_g / ca.DM(slip)))
+        taken += ca.dot(z_g, rate)
+    if motors.present.any():
+        v_m = motor_speeds(equations)
+        dz, braking = bristle_rates(motors, v_m, z[z.numel() - model.n_m :])
+        forces -= motor_force(model, braking)
+        rates.append(dz)
+        taken += ca.dot(braking, v_m)
+    acceleration = equations.acceleration_under(forces)
     x = ca.SX.sym("x", 2 * model.dof)
-    outputs = ca.substitute([ca.vertcat(dy, acceleration), dz, ca.dot(z, rate)], [ca.vertcat(y, dy)], [x])
+    outputs = ca.substitute([ca.vertcat(dy, acceleration), ca.vertcat(*rates), taken], [ca.vertcat(y, dy)], [x])
     return [x, z, lag.tau_m, *([] if equations.force is None else [equations.force])], outputs

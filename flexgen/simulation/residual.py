@@ -6,7 +6,7 @@ import numpy as np
 
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.motor_harmonics import carried_along, gear_angles_along
-from flexgen.model.friction import hysteretic_joints
+from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.growth import Motion
 from flexgen.torque_curve import spline, torque_curve
@@ -28,12 +28,18 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     else:
         r_a, r_m = evaluate(equations.function("residual"), *between, tau)
     n = len(middle)
-    if hysteretic_joints(equations.model):
-        z, model = spline(t, _hysteresis(equations, motion))(middle), equations.model
-        r_a, r_m = r_a.reshape(n, -1), r_m.reshape(n, -1)
+    model = equations.model
+    r_a, r_m = r_a.reshape(n, -1), r_m.reshape(n, -1)
+    if hysteretic_joints(model):
+        z = spline(t, _hysteresis(equations, motion))(middle)
         r_a[:, list(model.i_g)] -= z
         r_m += carried_along(model, between[3], z)
-    return np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
+    if bristled_motors(model):
+        braking = spline(t, _bristles(equations, motion))(middle)
+        r_m += braking
+        rigid = [j for j in range(model.n_m) if j not in model.i_m]
+        r_a[:, list(model.i_g)] += braking[:, rigid] @ model.eta[rigid]
+    return np.hstack([r_a, r_m[:, list(model.i_m)]])
 
 
 def _hysteresis(equations: Equations, motion: Motion) -> np.ndarray:
@@ -43,6 +49,15 @@ def _hysteresis(equations: Equations, motion: Motion) -> np.ndarray:
     model = equations.model
     deflection = gear_angles_along(model, motion.q_m) - motion.q_a[:, list(model.i_g)]
     return torque_along(gear_hysteresis(model), deflection) if motion.tau_h is None else motion.tau_h
+
+
+def _bristles(equations: Equations, motion: Motion) -> np.ndarray:
+    """Torques of the bristles of the motors (n, n_m): those of the motion, or what its speeds make of it."""
+    from flexgen.memory.lugre import bristle_torques, motor_bristles
+
+    if motion.tau_b is not None:
+        return motion.tau_b
+    return bristle_torques(motor_bristles(equations.model), motion.t, motion.v_m, motion.a_m)
 
 
 def _half_way(h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:

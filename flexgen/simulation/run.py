@@ -12,7 +12,8 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from flexgen.mechanics.equations import Equations
-from flexgen.model.friction import hysteretic_joints
+from flexgen.model.elements import RobotModel
+from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.simulation.compiled_rate import CompiledRate, compiled_rate
 from flexgen.simulation.integrators import EXPLICIT, Rates, integrate
 from flexgen.simulation.motor_feedback import MotorFeedback
@@ -27,7 +28,7 @@ ATOL_INTEGRAL = 1e-9  # rad, motor side: of the integral part of the feedback
 
 @dataclass(frozen=True)
 class Run:
-    """States (q_a, q_me, v_a, v_me, work, loss) at the instants, (n, n_x), then torques of the gears' hysteresis.
+    """States (q_a, q_me, v_a, v_me, work, loss) at the instants, (n, n_x), then those of `hysteretic_rate`.
 
     ``last``: the last one with the integrals of the feedback; ``rates``: the right-hand side there; ``integrator``: the
     implicit method if any part needed it.
@@ -75,10 +76,10 @@ def run(
     integrals = 0 if feedback is None else robot.n_m
     function, in_c = _rates(equations, progress)
     slip = np.zeros(0)
-    if hysteretic_joints(robot):
-        from flexgen.mechanics.hysteresis import gear_hysteresis
+    if _has_memory(robot):
+        from flexgen.simulation.hysteretic_rate import slip_torques
 
-        slip = gear_hysteresis(robot).slip
+        slip = slip_torques(robot)
     parts = [
         np.full(2 * n, min(ATOL, ATOL_SHARE * rtol)),
         np.full(2, ATOL_WORK),
@@ -134,7 +135,7 @@ def rates_of(
         )
         out = np.zeros((len(x), len(x)))
         out[: 2 * n, : 2 * n] = A
-        if own > 2 * n + 2:  # the torques of the gears' hysteresis
+        if own > 2 * n + 2:  # torques of hysteresis and bristles
             out[:own, :own] = np.array(_jacobian(equations)(x[:own], np.concatenate([tau, u[n_m:]]) if pushed else tau))
         if feedback is not None:
             in_torque, in_w = feedback.state_feedback()
@@ -159,26 +160,33 @@ def _rates(equations: Equations, progress: Callable[[str], None] | None) -> tupl
     return _known[equations]
 
 
+def _has_memory(robot: RobotModel) -> bool:
+    """Whether gears or frictions have a state."""
+    return bool(hysteretic_joints(robot) or bristled_motors(robot))
+
+
 def _rate(equations: Equations) -> ca.Function:
     """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the torque.
 
-    With hysteresis its torques are states too, and the power that goes into it counts as lost.
+    Torques of hysteresis and bristles are states too, and the power that goes into these counts as lost.
     """
     robot = equations.model
     n_a, n, n_m = robot.n_a, robot.dof, robot.n_m
     pushed = equations.force is not None  # the force is behind the references of a feedback
-    hysteretic = bool(hysteretic_joints(robot))
-    x = ca.SX.sym("x", 2 * n + 2 + (robot.n_g if hysteretic else 0))
+    remembers, held = _has_memory(robot), 0
+    if remembers:
+        from flexgen.simulation.hysteretic_rate import hysteretic_rate
+
+        inputs, outputs = hysteretic_rate(equations)
+        held = inputs[1].numel()
+    x = ca.SX.sym("x", 2 * n + 2 + held)
     given = ca.SX.sym("tau_m", 3 * n_m + 6 if pushed else n_m)
     torque, more = (given[:n_m], [given[3 * n_m :]]) if pushed else (given, [])
     motors, speeds = ca.SX.zeros(robot.n_m), ca.SX.zeros(robot.n_m)
     for k, j in enumerate(robot.i_m):
         motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
     power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque, *more)
-    if hysteretic:
-        from flexgen.simulation.hysteretic_rate import hysteretic_rate
-
-        inputs, outputs = hysteretic_rate(equations)
+    if remembers:
         dx, dz, taken = ca.Function("rate", inputs, outputs)(x[: 2 * n], x[2 * n + 2 :], torque, *more)
         rates = ca.vertcat(dx, power[0], power[1] + taken, dz)
     else:

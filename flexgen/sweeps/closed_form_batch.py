@@ -28,7 +28,7 @@ from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.limits import Limits, limits_of_model
 from flexgen.mechanics.statics import gear_damping
 from flexgen.model.elements import Friction, LinearSpring, RobotModel
-from flexgen.model.friction import has_harmonics, hysteretic_joints
+from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw
 
@@ -73,6 +73,8 @@ def unfit(model: RobotModel) -> str:
             return f"model {model.name} has a friction law {type(friction).__name__}"
     if joints := hysteretic_joints(model):
         return f"model {model.name} has hysteresis in the gear of {joints[0]}"
+    if motors := bristled_motors(model):
+        return f"model {model.name} has lugre in motor {motors[0]}"
     if found := has_harmonics(model):
         return f"model {model.name}: {found}"
     if limits_of_model(model).without("torque", "speed") != Limits():

@@ -13,7 +13,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.codegen import clib_files
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.gear_hysteresis import with_hysteresis
+from flexgen.inversion.memory import with_hysteresis
 from flexgen.inversion.motor_side import MotorMotion
 from flexgen.inversion.sampling import from_library
 from flexgen.library.generate import generate_parts

@@ -16,7 +16,6 @@ from flexgen.model.format_robot import (
     DOF,
     ERROR,
     GEAR,
-    HYSTERESIS,
     JOINT_SPRING,
     PLACEMENT,
     SPRING,
@@ -25,6 +24,7 @@ from flexgen.model.format_robot import (
 from flexgen.model.format_tasks import LEG, MOVE, OUTPUT
 from flexgen.position_servo.keys import LOW_PASS, NOTCH, SERVO_TABLE
 from flexgen.spec.keys import REQUIRED, Form, Key, Kinds, Schema
+from flexgen.spec.memory import HYSTERESIS, LUGRE
 from flexgen.spec.schema import key_schemas
 from flexgen.sweeps.grid_file import GRID, RANDOM
 
@@ -37,6 +37,8 @@ TABLES: dict[str, Form] = {
     "`spring` of a gear": SPRING,
     "`hysteresis`": HYSTERESIS,
     "`transmission_error`, `cogging`, `torque_ripple`, `encoder_error`": ERROR,
+    "`lugre`": LUGRE,
+    "`transmission_error`, `cogging`, `torque_ripple`": ERROR,
     "`spring` of a degree of freedom": JOINT_SPRING,
     "`friction`": friction(),
     "`counterbalance`": COUNTERBALANCE,

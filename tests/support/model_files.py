@@ -169,6 +169,7 @@ def everything(folder: Path) -> Path:
         text += "torque_rate_max = 9e3\ntorque_rms_max = 9\nthermal_time = 60\ntorque_speed = [[0, 9], [300, 5]]\n"
         text += "cogging = { harmonics = [6], sin = [0.1] }\ntorque_ripple = { harmonics = [6], cos = [0.01] }\n"
         text += "encoder_error = { harmonics = [2], cos = [1e-4] }\n"
+        text += "lugre = { coulomb = 0.1, static = 0.2, stribeck_speed = 5, stiffness = 100, damping = 0.01 }\n"
     path = folder / "everything.toml"
     path.write_text(EVERYTHING.format(elements=text))
     return path

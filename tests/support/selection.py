@@ -62,6 +62,7 @@ SLOW_CASES = {
         "docs/planning.md",
         "docs/arrays.md",
         "docs/hysteresis.md",
+        "docs/friction_with_state.md",
         "docs/transmission_error.md",
         "docs/own_robot.md",
         "docs/process_force.md",

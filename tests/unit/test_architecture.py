@@ -78,6 +78,7 @@ FLOORS = {
     "model": 1,
     "runtime": 1,
     "mechanics": 2,
+    "memory": 3,
     "recursion": 3,
     "dae": 3,
     "analysis": 4,

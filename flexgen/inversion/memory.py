@@ -1,4 +1,4 @@
-"""Motors behind gears with hysteresis, after the motion of the arm.
+"""Motors behind gears with hysteresis, and with a friction that has a state, after the motion of the arm.
 
 At a reversal p'' jumps, or changes within the time constant D/K of the gear, and the motor torque with it. Rates are
 differences of the deflections at the samples, whose sum is the change of speed: samples of p'' itself would miss the
@@ -16,6 +16,26 @@ from flexgen.inversion.motor_side import motors_behind
 from flexgen.inversion.sampling import second_time_derivative, time_derivative
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.hysteretic_gears import hysteretic_deflections
+from flexgen.memory.lugre import bristle_torques, motor_bristles
+from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.numerics.evaluate import evaluate
+
+
+def with_memory(equations: Equations, result: MethodResult) -> MethodResult:
+    """The result of a method with hysteresis of gears and friction of motors that has a state, where there are any."""
+    if hysteretic_joints(equations.model):
+        result = with_hysteresis(equations, result)
+    return with_lugre(equations, result) if bristled_motors(equations.model) else result
+
+
+def with_lugre(equations: Equations, result: MethodResult) -> MethodResult:
+    """The result with the torques of bristles, which begin at rest with z = 0."""
+    motors = result.motors
+    torques = bristle_torques(motor_bristles(equations.model), result.t, motors.v_m, motors.a_m)
+    given = equations.function("given_torque")
+    one, none = (evaluate(given, motors.q_m, x)[0].reshape(torques.shape) for x in (np.ones_like(torques), 0 * torques))
+    more = torques / (one - none)  # the part of its torque that a motor with ripple gives
+    return replace(result, motors=replace(motors, tau_m=motors.tau_m + more), tau_b=torques)
 
 
 def with_hysteresis(equations: Equations, result: MethodResult) -> MethodResult:

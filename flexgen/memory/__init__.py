@@ -1,0 +1,1 @@
+"""Frictions with a state, in addition to the equations of motion."""

@@ -1,0 +1,89 @@
+"""Tables of elements with a state: hysteresis of gears, friction of motors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexgen.spec.keys import Context, Format, Key, number
+from flexgen.spec.tables import Table
+
+
+@dataclass(frozen=True)
+class Hysteresis:
+    """Dahl's hysteresis of a gear: a torque z in addition to its spring, which follows the deflection d and slips at W.
+
+        z' = K_h (d' - |d'| z/W),    W = K lost_motion/2,    K: stiffness of the spring at zero
+
+    Source: P. R. Dahl, AIAA Journal 14(12), 1976.
+    """
+
+    lost_motion: float  # at the joint: width of the hysteresis at zero torque, 2 W/K [rad or m]
+    stiffness: float  # K_h, added after a reversal [N m/rad or N/m], on the side of the spring
+
+
+HYSTERESIS = Format(
+    "hysteresis of a gear by Dahl's law, in parallel with its spring",
+    (
+        Key("lost_motion", number(above=0.0), "width of the hysteresis at zero torque, at the joint", "rad or m"),
+        Key(
+            "stiffness",
+            number(above=0.0),
+            "stiffness that is added after a reversal, on the side of the spring",
+            "N m/rad or N/m",
+        ),
+    ),
+    make=Hysteresis,
+    definition="hysteresis",
+)
+
+
+@dataclass(frozen=True)
+class LuGre:
+    """Friction of bristles that deflect by z before they slip; all numbers on the side of the motor.
+
+        tau = s0 z + s1 z',    z' = v - s0 |v| z/g(v),    g(v) = F_c + (F_s - F_c) exp(-(v/v_s)^2)
+
+    Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE TAC 40(3), 1995.
+    """
+
+    coulomb: float  # F_c [N m]
+    static: float  # F_s [N m]
+    stribeck_speed: float  # v_s [rad/s]
+    stiffness: float  # s0 [N m/rad]
+    damping: float = 0.0  # s1 [N m s/rad]
+
+
+def _check_static(table: Table, here: Context) -> None:
+    static, least = here.values["static"], here.values["coulomb"]
+    if static is not None and static < least:
+        raise table.fail("static", "a number >= coulomb")
+    if static is not None and static > least and here.values["stribeck_speed"] is None:
+        raise table.fail("stribeck_speed", "stribeck_speed in addition to static")
+
+
+def _made(
+    coulomb: float, static: float | None, stribeck_speed: float | None, stiffness: float, damping: float
+) -> LuGre:
+    speed = 1.0 if stribeck_speed is None else stribeck_speed  # without effect where static = coulomb
+    return LuGre(coulomb, coulomb if static is None else static, speed, stiffness, damping)
+
+
+LUGRE = Format(
+    "friction with a state, by the LuGre law, in addition to the friction of the motor",
+    (
+        Key("coulomb", number(above=0.0), "torque F_c at high speed, without viscous friction", "N m"),
+        Key("static", number(above=0.0), "torque F_s at the lowest speed; default: coulomb", "N m", None),
+        Key(
+            "stribeck_speed",
+            number(above=0.0),
+            "speed v_s over which it falls from static to coulomb",
+            "rad/s",
+            None,
+            check=_check_static,
+        ),
+        Key("stiffness", number(above=0.0), "stiffness s0 of the bristles before they slip", "N m/rad"),
+        Key("damping", number(least=0.0), "damping s1 of the bristles", "N m s/rad", 0.0),
+    ),
+    make=_made,
+    definition="lugre",
+)
