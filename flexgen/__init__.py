@@ -261,6 +261,7 @@ _NOUNS = {
     "Trajectory": "flexgen.trajectory",
     "Trial": "flexgen.laws.study",
     "TuningResult": "flexgen.benchmarks.tune",
+    "Wall": "flexgen.environment.wall",
     "Window": "flexgen.benchmarks.scenario",
     "combinations": "flexgen.sweeps.cases",
     "random_moves": "flexgen.sweeps.cases",

@@ -15,6 +15,7 @@ from flexgen.calibration.parameters import Priors as Priors
 from flexgen.calibration.poses import StaticPoses as StaticPoses
 from flexgen.calibration.result import Calibration as Calibration
 from flexgen.environment.sense import sense as sense
+from flexgen.environment.wall import Wall as Wall
 from flexgen.errors import ArgumentError as ArgumentError
 from flexgen.errors import BuildError as BuildError
 from flexgen.errors import FlexgenError as FlexgenError

@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.second_order import largest_rate as largest_eigenvalue
 from flexgen.deadline import check_time
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.environment.sense import signals_of
+from flexgen.environment.wall import Wall, wall_force
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
@@ -35,9 +37,10 @@ from flexgen.loop.plants import NOMINAL, LocalDynamics, Plants, plants_of
 from flexgen.loop.reference import MotionReference, motion_reference, time_grid
 from flexgen.loop.result import ControlRun, PlantRun, output_errors
 from flexgen.mechanics.equations import Equations, derive, robot_of
-from flexgen.mechanics.hysteresis import without_hysteresis
+from flexgen.mechanics.hysteresis import GearHysteresis, without_hysteresis
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import refuse_lugre
+from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
 from flexgen.spec.arguments import check_not_negative, is_number, mapping_of, seed_of
@@ -48,6 +51,7 @@ AFTER_S = 0.5
 SAMPLE_S = 5e-4
 CHUNK = 2000  # samples between two progress messages
 POINTS = PARTS = 40  # of the reference where eigenvalues are computed, and parts with gains of their own
+WALL_STEPS = 4.0  # times as short as the fastest eigenvalue needs
 TOOL_FORCE = "forward_dynamics_tool_force"
 
 
@@ -56,7 +60,7 @@ class Case:
     """Parts of a closed loop, ready to run with any controller.
 
     ``plants``, ``library``, ``equations``: of the springs and dampers; ``gears``: the robots with their hysteresis;
-    ``signals``: of sensors that feel the force on the tool.
+    ``signals``: of sensors that feel the force on the tool; ``laws``: of the hysteresis.
     """
 
     model: RobotModel
@@ -74,6 +78,8 @@ class Case:
     exact_state: bool = False
     gears: RobotFunction | None = None
     signals: RobotFunction | None = None
+    laws: tuple[GearHysteresis, ...] = ()
+    wall: Wall | None = None
 
     @property
     def sample_time(self) -> float:
@@ -111,6 +117,7 @@ def control(
     exact_state: bool = False,
     seed: int = 0,
     solution: Solution | None = None,
+    wall: Wall | None = None,
     progress: Choice = None,
 ) -> ControlRun:
     """Simulate a move under a sampled controller with feedforward torques, for the model and for robots that differ.
@@ -143,6 +150,8 @@ def control(
         Of the noise.
     solution : Solution, optional
         The move solved before; default: `flexgen.solve` with its default method.
+    wall : Wall, optional
+        That the tools touch; its force on the tool of a robot is ``contact`` of its `PlantRun`.
     progress : callable or bool, optional
 
     Returns
@@ -170,6 +179,8 @@ def control(
         encoder_noise=encoder_noise, encoder_resolution=encoder_resolution, torque_limits=torque_limits,
         exact_state=exact_state, seed=seed, solution=solution, progress=tell,
     )  # fmt: skip
+    if wall is not None:
+        case = with_wall(case, wall, tell)
     chosen, name = case_controller(case, controller)
     return run_case(case, chosen, name, progress=tell)
 
@@ -259,7 +270,28 @@ def control_case(
     case = Case(
         robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal, exact_state
     )
-    return replace(case, gears=gears, signals=signals)
+    return replace(case, gears=gears, signals=signals, laws=laws)
+
+
+def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) -> Case:
+    """The case of robots whose tools touch a wall, with integration steps that are short enough for it."""
+    for q_a, _ in case.rests:
+        wall.check_start(case.equations, q_a)
+    tell, names = progress or (lambda line: None), tuple(p.name for p in case.plants.parameters)
+    elastic = case.equations.model
+    functions = dict.fromkeys((*case.library.functions, TOOL_FORCE))
+    library = library_with(elastic, [*functions], parameters=names, per_point=bool(names), progress=progress)
+    local, reference = LocalDynamics(derive(elastic, names)), case.reference
+    points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
+    normal = np.zeros((len(points[0]), elastic.dof))
+    jacobians = evaluate(case.equations.function("jacobian"), points[0])[0].reshape(-1, 6, elastic.n_a)
+    normal[:, : elastic.n_a] = np.einsum("i,kij->kj", wall.in_world(elastic)[1], jacobians[:, :3])
+    pushing, rate = normal[:, :, None] * normal[:, None], 0.0
+    for values in case.plants.values:
+        M, D, K, _ = local.matrices(points, values)
+        rate = max(rate, largest_eigenvalue(M, D + wall.damping * pushing, K + wall.stiffness * pushing))
+    gears = hysteretic_robots(local.equations.pushed, case.plants.values, case.laws, tell) if case.laws else case.gears
+    return replace(case, library=library, rate=WALL_STEPS * np.hypot(rate, case.rate), gears=gears, wall=wall)
 
 
 def run_case(
@@ -282,6 +314,9 @@ def run_case(
         delay_samples=case.delay_samples, arm_reference=True, exact_state=case.exact_state,
     )  # fmt: skip
     loop.hold(tau)
+    if case.wall is not None:
+        numbers = np.tile(case.wall.numbers(case.model), (lanes, 1))
+        loop.touch(RobotFunction(wall_force(case.equations), numbers, progress or (lambda line: None)))
     known = reference.rows(case.exact_state)
     rows = np.ascontiguousarray(np.broadcast_to(known[:, None], (n, lanes, loop.setup.n_ref)))
     step_s = case.hardware.sample_s / loop.steps
@@ -308,12 +343,13 @@ def run_case(
     ends = np.cumsum([robot.n_a, robot.n_a, robot.n_m, robot.n_m])
     runs = []
     for lane, plant in enumerate(case.plants.names):
-        arm, _, motors, _, _ = np.split(motion[:, :, lane], ends, axis=1)
+        arm, speeds, motors, _, _ = np.split(motion[:, :, lane], ends, axis=1)
         error, turn = output_errors(case.equations, reference, np.ascontiguousarray(arm))
         stopped = int(loop.saturated[lane]), loop.failures[lane]
         seen = q_m[:, lane], y_s[:, lane]
+        touched = None if case.wall is None else case.wall.force(case.equations, arm, speeds)
         load = case.plants.loads[lane]
-        runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, *seen, load))
+        runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, *seen, load, touched))
     return ControlRun(
         robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
         seconds,

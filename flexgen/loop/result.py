@@ -56,6 +56,8 @@ class PlantRun(Result):
         Signals of the sensors of the model file.
     load : str
         Mass that was added to the payload, and where; empty: none.
+    contact : array (n, 3) or None [N]
+        Force of the wall on the tool, world axes; None: there is no wall.
 
     Examples
     --------
@@ -75,6 +77,7 @@ class PlantRun(Result):
     measured: np.ndarray
     sensors: np.ndarray
     load: str = ""
+    contact: np.ndarray | None = None
 
     def __repr__(self) -> str:
         how = self.failure or f"error up to {np.abs(self.error).max(initial=0.0):.3g}, {self.saturated} saturated"

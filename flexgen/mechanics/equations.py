@@ -89,6 +89,12 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         """The same with symbols for a force on the tool, the argument ``f_tool`` (6,) of all functions it changes."""
         return self._with_force(ca.SX.sym("f_tool", 6))
 
+    def touching(self, contact: ca.Function) -> Equations:
+        """The same as `pushed`, with the force of a wall from ``q_a``, ``v_a`` in a simulation."""
+        made = self._with_force(ca.SX.sym("f_tool", 6))
+        made.contact = contact
+        return made
+
     def pushed_by(self, force: np.ndarray | None) -> Equations:
         """The same with a constant force and torque (6,) on the tool; the same object for None."""
         if force is not None and (np.shape(force) != (6,) or not np.isfinite(force).all()):

@@ -72,9 +72,12 @@ class System:
         The symbols of the parameters, in that order.
     force : casadi.SX (6,) or None
         On the tool at its origin, world axes: force [N], then torque [N m]; symbols or numbers; None: nothing.
+    contact : casadi.Function or None
+        What a wall adds to ``force`` in a simulation: (6,) from ``q_a`` and ``v_a``; None: nothing.
     """
 
     force: ca.SX | None = None
+    contact: ca.Function | None = None
 
     def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
         made = put_symbols(model, parameters)

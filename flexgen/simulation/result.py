@@ -5,10 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from flexgen.display import Figure, both_measured, figure_rows, plain
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.output_columns import output_labels, output_units, turn_angle
+from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.simulation.motor_feedback import MotorFeedback
+from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
+from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_result
 
 AFTER = 2.0  # s after the end of the trajectory: of the second figure of the error
@@ -160,3 +167,61 @@ def growth_text(growth: float, whole: float | None) -> str:
 def error_text(simulation: Simulation, what: str = "tool") -> str:
     """The same in one line."""
     return "; ".join(error_lines(simulation, what))
+
+
+def record_motion(
+    equations: Equations, data: Trajectory, given: dict[str, np.ndarray], motion: tuple[np.ndarray, ...]
+) -> tuple[float | None, float | None, Trajectory]:
+    """Largest output error [m] and [rad], and the simulated motion as a trajectory."""
+    robot = equations.model
+    q_a, v_a, q_m, v_m = motion
+    channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": given["tau_m"]}
+    names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
+    labels = {"q_a": names_a, "v_a": names_a, "q_m": names_m, "v_m": names_m, "tau_m": names_m}
+    of_a = tuple(c.unit for c in robot.coordinates)
+    units = {"q_a": of_a, "v_a": tuple(f"{unit}/s" for unit in of_a)}
+    ports = {
+        "q_a": Port("q_a", (robot.n_a,), common_unit(of_a), "arm coordinates, simulated"),
+        "v_a": Port("v_a", (robot.n_a,), common_unit(units["v_a"]), "their speeds"),
+        "q_m": Port("q_m", (robot.n_m,), "rad", "motor angles, motor side"),
+        "v_m": Port("v_m", (robot.n_m,), "rad/s", "motor speeds, motor side"),
+        "tau_m": Port("tau_m", (robot.n_m,), "N m", "motor torques, motor side"),
+    }
+    in_m, in_rad = None, None
+    if "y_ref" in given:
+        error, in_m, in_rad = output_error(equations, given, q_a)
+        channels["error"] = error
+        units["error"] = output_units(robot)
+        ports["error"] = Port("error", (error.shape[1],), common_unit(units["error"]), "output minus reference")
+        labels["error"] = output_labels(robot)["y_ref"]
+        if in_rad is not None and robot.output.type == "tool_pose":
+            channels["turn"] = _turn_error(equations, given, q_a)[:, None]
+            ports["turn"] = Port("turn", (1,), "rad", "angle between tool and reference")
+            labels["turn"] = ("angle",)
+    meta = {"model": robot.name, "variant": robot.variant, "kind": "simulation"}
+    channels = {name: x[: len(data.time)] for name, x in channels.items()}
+    return in_m, in_rad, Trajectory(data.time, channels, ports, labels, meta, units)
+
+
+def output_error(
+    equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray
+) -> tuple[np.ndarray, float | None, float | None]:
+    """Output minus reference (n, n_y), largest distance [m] and angle [rad]."""
+    output = equations.model.output
+    y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
+    error = y - data["y_ref"]
+    if output.type == "combination":
+        units = output_units(equations.model)
+        columns = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
+        worst = [float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns]
+        return error, worst[0], worst[1]
+    largest = float(np.linalg.norm(error, axis=1).max())
+    if output.type == "tool_pose" and "R_ref" in data:
+        return error, largest, float(_turn_error(equations, data, q_a).max())
+    return error, largest, None
+
+
+def _turn_error(equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray) -> np.ndarray:
+    """Angle between the tool and its reference orientation, (n,) [rad]."""
+    R = evaluate(equations.function("forward_kinematics"), q_a)[1]
+    return turn_angle(R, data["R_ref"].reshape(-1, 3, 3))

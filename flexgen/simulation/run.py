@@ -135,7 +135,7 @@ def rates_of(
         )
         out = np.zeros((len(x), len(x)))
         out[: 2 * n, : 2 * n] = A
-        if own > 2 * n + 2:  # torques of hysteresis and bristles
+        if own > 2 * n + 2 or equations.contact is not None:  # torques of hysteresis and bristles, a wall
             out[:own, :own] = np.array(_jacobian(equations)(x[:own], np.concatenate([tau, u[n_m:]]) if pushed else tau))
         if feedback is not None:
             in_torque, in_w = feedback.state_feedback()
@@ -182,6 +182,8 @@ def _rate(equations: Equations) -> ca.Function:
     x = ca.SX.sym("x", 2 * n + 2 + held)
     given = ca.SX.sym("tau_m", 3 * n_m + 6 if pushed else n_m)
     torque, more = (given[:n_m], [given[3 * n_m :]]) if pushed else (given, [])
+    if equations.contact is not None:
+        more = [more[0] + equations.contact(x[:n_a], x[n : n + n_a])]
     motors, speeds = ca.SX.zeros(robot.n_m), ca.SX.zeros(robot.n_m)
     for k, j in enumerate(robot.i_m):
         motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]

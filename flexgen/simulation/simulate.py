@@ -29,25 +29,25 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.output_columns import output_labels, output_units, turn_angle
+from flexgen.mechanics.output_columns import output_labels
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.progress import Choice, reported
 from flexgen.simulation.hold import SAME, TorqueCommand, command_in
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
-from flexgen.simulation.result import Simulation, growth_text
+from flexgen.simulation.result import Simulation, growth_text, output_error, record_motion
 from flexgen.simulation.run import Input, Run, run
 from flexgen.simulation.start import start_state
-from flexgen.spec.ports import Port
 from flexgen.torque_curve import constant, side_by_side, spline, then_constant, torque_curve
 from flexgen.trajectory import Trajectory
-from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types
 
 if TYPE_CHECKING:
+    from flexgen.environment.wall import Wall
     from flexgen.simulation.growth import Growth
 
+FORCE = 6  # entries of a force and a torque on the tool
 HELD_KEY = "held_s"  # of the meta data: how long the verification of a solution holds its last torque
 HELD_MAX, HELD_STEP = 60.0, 2e-3  # s: of a torque that is held after the end, and the step at which errors are taken
 RTOL = 1e-11  # a tenth of a nanometer over a meter of reach and a thousand steps
@@ -120,6 +120,7 @@ def simulate(
     command: TorqueCommand | None = None,
     moving: bool = False,
     feedback: str = AUTO,
+    wall: Wall | None = None,
     progress: Choice = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
@@ -147,6 +148,8 @@ def simulate(
         ``"auto"``: with motor feedback where perturbations of the open loop grow by more than 100 over the move (known
         where the trajectory has the channels ``v_a a_a v_m a_m``), and once more without it as far as rounding errors
         do not grow to its size; ``"ppi"``: with it; ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
+    wall : Wall, optional
+        That the tool touches; its force on the tool is the channel ``contact`` of the result.
 
     Returns
     -------
@@ -171,14 +174,15 @@ def simulate(
     _check_choices(trajectory, rtol, held, feedback)
     data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
     given, warnings = _read_channels(equations.model, data, moving)
+    given |= {} if wall is None else _before_wall(wall, equations, given)
     task = _task(equations, data, given, start, moving, float(data.meta.get(HELD_KEY, 0.0)) if held is None else held)
-    task = replace(task, command=_command(equations.model, data, given["tau_m"], command))
+    task = replace(task, command=_command(equations.model, data, given["tau_m"], command), wall=wall)
     tell = progress if callable(progress) else None
     growth, known = None, dict[str, Any]()
     if feedback == AUTO:
         growth, known = open_loop.analyze(equations, data, task.given, task.held, task.command is None)
-    known["warnings"] = warnings
-    task = replace(task, equations=equations.pushed) if "force" in given else task
+    known = {"warnings": warnings} | (known if wall is None else {})
+    task = _push(task)
     if feedback == NONE or (feedback == AUTO and (growth is None or growth.whole <= open_loop.UNSTABLE)):
         return replace(
             open_loop.without_lost_errors(_simulate_once(task, open_loop.precise(rtol, growth), None, tell), growth),
@@ -219,6 +223,7 @@ class _Task:
     begin: np.ndarray
     held: float
     command: TorqueCommand | None = None
+    wall: Wall | None = None
 
 
 def _task(
@@ -231,6 +236,20 @@ def _task(
 ) -> _Task:
     t, longer = _with_held_end(data.time, given, held)
     return _Task(equations, data, t, longer, start_state(equations.model, data, given, start, moving), held)
+
+
+def _before_wall(wall: Wall, equations: Equations, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The force on the tool without the wall; ArgumentError where the tool begins behind it."""
+    wall.check_start(equations, given["q_a"][0])
+    return {"force": given.get("force", np.zeros((len(given["q_a"]), FORCE)))}
+
+
+def _push(task: _Task) -> _Task:
+    """The task with equations for the force on its tool."""
+    equations = task.equations
+    if task.wall is not None:
+        return replace(task, equations=equations.touching(task.wall.function(equations)))
+    return replace(task, equations=equations.pushed) if "force" in task.given else task
 
 
 def _simulate_once(
@@ -249,7 +268,9 @@ def _simulate_once(
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = (part[:, list(robot.i_g)] @ robot.eta.T for part in (q_a, v_a))
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
-    in_m, in_rad, recorded = _record(equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
+    in_m, in_rad, recorded = record_motion(equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
+    if task.wall is not None:
+        recorded = task.wall.add_force(equations, recorded)
     later_m, later_rad = _later_errors(task, found, (in_m, in_rad))
     return Simulation(
         trajectory=recorded,
@@ -279,7 +300,7 @@ def _later_errors(
     n_a = task.equations.model.n_a
     q_a = errors_after_end(found, float(task.t[-1]), task.held)[:, :n_a]
     last = {name: np.repeat(values[-1:], len(q_a), axis=0) for name, values in task.given.items()}
-    _, in_m, in_rad = _output_error(task.equations, last, q_a)
+    _, in_m, in_rad = output_error(task.equations, last, q_a)
     pairs = zip((in_m, in_rad), before, strict=True)
     later = [None if x is None or y is None else max(x, y) for x, y in pairs]
     return later[0], later[1]
@@ -388,61 +409,3 @@ def _energy_error(equations: Equations, motion: tuple[np.ndarray, ...], work: np
     # rounding of constant energies is not a violation
     exchanged = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(work), 1e-6 * np.abs(total).max(), 1e-9)
     return float(np.abs(imbalance).max() / exchanged)
-
-
-def _record(
-    equations: Equations, data: Trajectory, given: dict[str, np.ndarray], motion: tuple[np.ndarray, ...]
-) -> tuple[float | None, float | None, Trajectory]:
-    """Largest output error [m] and [rad], and the simulated motion as a trajectory."""
-    robot = equations.model
-    q_a, v_a, q_m, v_m = motion
-    channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": given["tau_m"]}
-    names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
-    labels = {"q_a": names_a, "v_a": names_a, "q_m": names_m, "v_m": names_m, "tau_m": names_m}
-    of_a = tuple(c.unit for c in robot.coordinates)
-    units = {"q_a": of_a, "v_a": tuple(f"{unit}/s" for unit in of_a)}
-    ports = {
-        "q_a": Port("q_a", (robot.n_a,), common_unit(of_a), "arm coordinates, simulated"),
-        "v_a": Port("v_a", (robot.n_a,), common_unit(units["v_a"]), "their speeds"),
-        "q_m": Port("q_m", (robot.n_m,), "rad", "motor angles, motor side"),
-        "v_m": Port("v_m", (robot.n_m,), "rad/s", "motor speeds, motor side"),
-        "tau_m": Port("tau_m", (robot.n_m,), "N m", "motor torques, motor side"),
-    }
-    in_m, in_rad = None, None
-    if "y_ref" in given:
-        error, in_m, in_rad = _output_error(equations, given, q_a)
-        channels["error"] = error
-        units["error"] = output_units(robot)
-        ports["error"] = Port("error", (error.shape[1],), common_unit(units["error"]), "output minus reference")
-        labels["error"] = output_labels(robot)["y_ref"]
-        if in_rad is not None and robot.output.type == "tool_pose":
-            channels["turn"] = _turn_error(equations, given, q_a)[:, None]
-            ports["turn"] = Port("turn", (1,), "rad", "angle between tool and reference")
-            labels["turn"] = ("angle",)
-    meta = {"model": robot.name, "variant": robot.variant, "kind": "simulation"}
-    channels = {name: x[: len(data.time)] for name, x in channels.items()}
-    return in_m, in_rad, Trajectory(data.time, channels, ports, labels, meta, units)
-
-
-def _output_error(
-    equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray
-) -> tuple[np.ndarray, float | None, float | None]:
-    """Output minus reference (n, n_y), largest distance [m] and angle [rad]."""
-    output = equations.model.output
-    y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
-    error = y - data["y_ref"]
-    if output.type == "combination":
-        units = output_units(equations.model)
-        columns = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
-        worst = [float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns]
-        return error, worst[0], worst[1]
-    largest = float(np.linalg.norm(error, axis=1).max())
-    if output.type == "tool_pose" and "R_ref" in data:
-        return error, largest, float(_turn_error(equations, data, q_a).max())
-    return error, largest, None
-
-
-def _turn_error(equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray) -> np.ndarray:
-    """Angle between the tool and its reference orientation, (n,) [rad]."""
-    R = evaluate(equations.function("forward_kinematics"), q_a)[1]
-    return turn_angle(R, data["R_ref"].reshape(-1, 3, 3))

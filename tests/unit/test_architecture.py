@@ -137,7 +137,7 @@ PARAMETERS = {
     "inversion/solve.py solve": 19,  # a verb; the force of a process is data of the problem, as the move is
     "library/generate.py generate": 15,  # a verb
     "loop/closed_loop.py __init__": 15,  # robots, drives and noise are given apart by five callers with other choices
-    "loop/control.py control": 14,  # a verb
+    "loop/control.py control": 15,  # a verb
     "loop/control.py control_case": 13,  # the options of the verb control but the controller
     "observers/constant_gain.py __init__": 9,  # a public class with keywords
     "observers/extended_kalman.py __init__": 9,  # a public class with keywords
@@ -150,7 +150,7 @@ PARAMETERS = {
     "runtime/path_inversion.py __call__": 16,  # the members of the samples and of the options in C
     "runtime/stream.py __init__": 14,  # the options of `Library.stream`
     "servo/command.py command_positions": 10,  # a verb
-    "simulation/simulate.py simulate": 9,  # a verb
+    "simulation/simulate.py simulate": 10,  # a verb
 }
 
 MODULES_OF_SOLVE, MODULES_OF_VERSION = 90, 8  # loaded by `flexgen.solve`, before a call, and by `flexgen --version`

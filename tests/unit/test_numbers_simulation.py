@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
-from flexgen.simulation import after_end, growth, hold, integrators, simulate, start
+from flexgen.simulation import after_end, growth, hold, integrators, result, simulate, start
 from flexgen.simulation import run as runs
 from flexgen.simulation.motor_feedback import MotorFeedback
 from flexgen.spec.ports import Port
@@ -320,17 +320,17 @@ def test_errors_of_outputs_are_in_metres_and_radians() -> None:
     q = np.array([[0.1, 0.2], [0.3, -0.1]])
     elbow = derive("elbow")
     y = np.array([np.array(elbow.function("output")(x)).ravel() for x in q])
-    error, in_m, in_rad = simulate._output_error(elbow, {"y_ref": y + np.array([[0.3, -0.4], [0.1, 0.0]])}, q)
+    error, in_m, in_rad = result.output_error(elbow, {"y_ref": y + np.array([[0.3, -0.4], [0.1, 0.0]])}, q)
     assert_allclose(error, [[-0.3, 0.4], [-0.1, 0.0]], atol=1e-14)
     assert in_m == pytest.approx(0.5) and in_rad is None
     turned = Rotation.from_rotvec([[0.0, 0.2, 0.0], [0.5, 0.0, 0.0]]).as_matrix()
     R = np.array([np.array(elbow.function("forward_kinematics")(x)[1]) for x in q])
-    found = simulate._turn_error(elbow, {"R_ref": (turned @ R).reshape(2, 9)}, q)
+    found = result._turn_error(elbow, {"R_ref": (turned @ R).reshape(2, 9)}, q)
     assert_allclose(found, [0.2, 0.5], atol=1e-9)
     masses = derive("four_mass")
     x = np.zeros((2, masses.model.n_a))
     m = masses.model.output.size
-    error, in_m, in_rad = simulate._output_error(masses, {"y_ref": np.full((2, m), 0.25)}, x)
+    error, in_m, in_rad = result.output_error(masses, {"y_ref": np.full((2, m), 0.25)}, x)
     assert in_m == pytest.approx(0.25 * np.sqrt(m)) and in_rad is None
 
 
