@@ -53,7 +53,8 @@ CREEP = 0.01  # of the largest speed, below which Coulomb friction is smoothed
 FORGOTTEN = 1e-5  # of its first effect, or of the torques, to which that of the start has decayed
 BLOCK_S = 1.0  # of a record, within which residuals depend on each other
 CLOSE = (0.3, 0.05, 0.05)  # standard deviations from the minimum where the searches end
-CORRECTED, DRAWS = 3, 3  # steps with corrected normal equations; pairs of samples of noise
+SETTLED = 2.0  # standard deviations, at most, of the last of these steps
+DRAWS = (1, 1, 1, 3)  # pairs of samples of noise in each step with corrected normal equations
 LEAST_SIGNAL = 0.1  # part of the information in a direction that is not noise, else it is not determined
 RANK = 1e-13  # of the normal equations, relative
 FREE = 1e6  # standard deviation of priors that say nothing
@@ -267,19 +268,18 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         dropped = _drop(model, theta, lower, upper)
         if not dropped and close != CLOSE[0]:
             break
-    tell("subtracting the part of the noise")
-    first, (J, noise, bend, H, unknown) = theta, _correct(model, theta, white, lower < upper)
-    for _ in range(CORRECTED):
-        error = model.torques([theta], model.motion)[0] - model.measured
-        scores = np.einsum("njp,nj->np", J, white(error)) - noise
-        change = H @ (scores.sum(axis=0) - bend @ (theta - first))
-        last, theta = theta, np.clip(theta - change, lower, upper)
+    for n, draws in enumerate(DRAWS, 1):
+        tell(f"subtracting the part of the noise: {n} of {len(DRAWS)}")
+        error, scores, H, unknown = _correct(model, theta, white, lower < upper, draws)
+        change, here = H @ scores.sum(axis=0), theta[: model.parts]
+        theta = theta - change
+        theta[: model.parts] = here * np.exp(np.clip(-change[: model.parts] / here, -1.0, 1.0))  # never negative
+        theta = np.clip(theta, lower, upper)
     block = max(1, round(BLOCK_S / model.signals.sample_s))
     blocks = np.add.reduceat(scores, np.arange(0, len(scores), block))
     covariance = H @ (blocks.T @ blocks) @ H + unknown
-    left = np.einsum("njp,p->nj", J, theta - last)
-    converged = fit.converged and float((left**2).sum()) < 1.0  # standard deviation of the record, squared
-    return Estimate(last, covariance, error, converged)
+    settled = bool((np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))).all())
+    return Estimate(theta, covariance, error, fit.converged and settled)
 
 
 def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:
@@ -305,36 +305,35 @@ def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndar
 
 
 def _correct(
-    model: GearModel, theta: np.ndarray, white: Whitening, free: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    model: GearModel, theta: np.ndarray, white: Whitening, free: np.ndarray, draws: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Corrected normal equations at theta for numbers that are free; samples of noise come in pairs of both signs.
 
     Returns
     -------
-    J : array (k, n_m, n)
-        Weighted derivatives.
-    noise : array (k, n)
-        Part of the noise in the gradient.
-    bend : array (n, n)
-        Its derivative in theta.
+    error : array (k, n_m)
+        Residuals.
+    scores : array (k, n)
+        Terms of the corrected gradient.
     H, unknown : arrays (n, n)
         Inverse of the matrix; the covariance by the samples of noise, and of directions that the noise does not let
         determine: 100 % of the number that a direction moves most.
     """
-    e, J = model.derivatives(theta, model.motion)
-    r, J = white(e), white(J * free)
-    raw, noise = np.einsum("njp,njq->pq", J, J), -np.einsum("njp,nj->np", J, r)
+    error, J = model.derivatives(theta, model.motion)
+    J = white(J * free)
+    raw, scores = np.einsum("njp,njq->pq", J, J), 2 * np.einsum("njp,nj->np", J, white(error))
     A, sums = 2 * raw, []
-    for seed in range(DRAWS):
-        pair = np.zeros_like(noise)
+    for seed in range(draws):
+        pair = np.zeros_like(scores)
         for sign in (1.0, -1.0):
             e_more, J_more = model.derivatives(theta, model.more_noise(seed, sign))
             r_more, J_more = white(e_more), white(J_more * free)
             pair += np.einsum("njp,nj->np", J_more, r_more) / 2
-            A -= np.einsum("njp,njq->pq", J_more, J_more) / (2 * DRAWS)
-        noise += pair / DRAWS
+            A -= np.einsum("njp,njq->pq", J_more, J_more) / (2 * draws)
+        scores -= pair / draws
         sums.append(pair.sum(axis=0))
-    spread = np.cov(np.array(sums).T) / DRAWS  # of the part of the noise, from its samples
+    # of the part of the noise, from its samples
+    spread = np.cov(np.array(sums).T) / draws if draws > 1 else np.zeros_like(A)
     scale, inverse = np.sqrt(np.diag(raw)), np.zeros_like(raw)
     part = np.flatnonzero(free & (scale > 0.0))
     at, unit = np.ix_(part, part), np.eye(len(part))
@@ -347,7 +346,8 @@ def _correct(
     directions[part] = vectors[:, ~known] / scale[part, None]
     # as large as the number that it moves most
     directions = directions / np.abs(directions[: model.errors]).max(axis=0, initial=1e-300)
-    return J, noise, raw - A, inverse, inverse @ spread @ inverse + lost @ lost.T + directions @ directions.T
+    unknown = inverse @ spread @ inverse + lost @ lost.T + directions @ directions.T
+    return error, scores, inverse, unknown
 
 
 def _misfit(error: np.ndarray, measured: np.ndarray) -> float:
