@@ -268,6 +268,21 @@ STRUCTS: tuple[Struct, ...] = (
                 "knot_samples", "int", (), "1", "samples between two knots of the deviation; 0: a thirtieth of the path"
             ),
             Field("deviation", "real *", ("n", "n_y"), "mixed", "result: deviation from the path; not written if null"),
+            Field("gear_torque_max", "const real *", ("n_g",), "mixed", "largest torques of the gears, arm side"),
+            Field("torque_rate_max", "const real *", ("n_m",), "N m/s", "largest rates of motor torques, from samples"),
+            Field("joint_speed_max", "const real *", ("n_g",), "mixed", "largest speeds of the actuated joints"),
+            Field("joint_acceleration_max", "const real *", ("n_g",), "mixed", "largest accelerations of these joints"),
+            Field("tool_speed_max", "real", (), "m/s", "of a path of the tool: its largest speed; 0: no limit"),
+            Field("tool_acceleration_max", "real", (), "m/s^2", "its largest acceleration; 0: no limit"),
+            Field(
+                "torque_speed",
+                "const real *",
+                ("n_m", "torque_speed_points", "2"),
+                "rad/s, N m",
+                "points (speed, torque) of the largest motor torques over the speed: a convex region, from speed 0 on, "
+                "the last point repeated where a motor has fewer",
+            ),
+            Field("torque_speed_points", "int", (), "1", "points of each motor, at least 2; ignored without a curve"),
         ),
     ),
     Struct(

@@ -5,7 +5,8 @@ d(t) from the path, splines of degree seven that may begin before the path and e
 
     min  mean |d|^2 / e^2 + rho mean |d''''|^2    s.t.  |x_k(t_i) + sum_j dx_k/dc_j (t_i) dc_j| <= bound_k,
 
-x: motor torques, motor speeds and deflections. The Jacobian dx/dc is found by differences of inversions of modified
+x: motor torques and their rates, motor speeds, deflections, torques of gears, speeds and accelerations of joints and
+the tool, and edges of torque-speed curves. The Jacobian dx/dc is found by differences of inversions of modified
 paths; splines whose responses do not overlap share one inversion. Friction is not linear: it is added to the other
 torques at the speeds after the step. The modified path is inverted again, and the next program starts from that motion.
 All this is `invert_limited` of the emitted C, see ``flexgen/clib/invert_limited.c``; here it gets the time before and
@@ -17,6 +18,7 @@ Source: J. Nocedal, S. Wright, Numerical Optimization, 2006, ch. 18 (sequential 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +31,9 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.limit_use import uses_of_limits
+from flexgen.mechanics.limits import EACH, Limits
+from flexgen.model.elements import RobotModel
 from flexgen.runtime.limited_inversion import LimitsInfeasibleError
 from flexgen.runtime.path_inversion import Inversion
 
@@ -37,22 +41,44 @@ KNOTS = 30  # intervals between knots of the deviation on the path
 PER_KNOT = 2  # intervals of the mesh between knots, at least
 SUPPORT = 8  # intervals between knots in which one spline is not zero
 LATE = 0.5  # of the path's duration: how long after it the motion may end
+UNKEPT = ("torque_rms", "thermal_time", "gear_torque_rms")  # effective values of a whole motion
 NOTICED = 1e-6  # m and rad: largest deviation that is not reported as LIMITS_ACTIVE
 
 
 class _Bounds:
-    """Bounds of motor torques, motor speeds and deflections."""
+    """Bounds of what `invert_limited` keeps."""
 
     def __init__(self, equations: Equations, limits: Limits) -> None:
         model = equations.model
-        self.i_e = list(model.i_e)
+        self.limits = limits.without(*UNKEPT)
         self.torque, self.speed = limits.arrays(model.n_m)
+        for k, curve in enumerate(limits.torque_speed or ()):
+            if curve:
+                self.torque[k] = min(self.torque[k], (1.0 - limits.reserve) * curve[0][1])
         self.deflection = limits.deflections(model.n_e)
 
-    def are_kept(self, found: Inversion) -> bool:
+    def are_kept(self, problem: InversionProblem, found: Inversion) -> bool:
         """Whether a motion keeps all of them."""
-        values = ((found.tau_m, self.torque), (found.v_m, self.speed), (found.q_a[:, self.i_e], self.deflection))
-        return all(bool((np.abs(x) <= bound).all()) for x, bound in values)
+        time = found.period * np.arange(len(found.tau_m))
+        uses = uses_of_limits(problem.equations.model, self.limits, lambda name: np.asarray(getattr(found, name)), time)
+        return all(use.part <= 1.0 for use in uses)
+
+    def arguments(self, robot: RobotModel) -> dict[str, Any]:
+        """Those of `Library.invert_limited`."""
+        limits, left = self.limits, 1.0 - self.limits.reserve
+        out: dict[str, Any] = {"torque_max": self.torque, "speed_max": self.speed, "deflection_max": self.deflection}
+        sizes = {"gear": robot.n_g, "motor": robot.n_m}
+        for name in ("gear_torque", "torque_rate", "joint_speed", "joint_acceleration"):
+            if getattr(limits, name) is not None:
+                out[f"{name}_max"] = (left if name == "gear_torque" else 1.0) * limits.bounds(name, sizes[EACH[name]])
+        if robot.output.type in ("tool_pose", "tool_position"):
+            out |= {
+                "tool_speed_max": limits.tool_speed or 0.0,
+                "tool_acceleration_max": limits.tool_acceleration or 0.0,
+            }
+        if limits.torque_speed is not None:
+            out["torque_speed"] = [[(v, left * tau) for v, tau in curve] for curve in limits.torque_speed]
+        return out
 
     def check_equilibrium(self, problem: InversionProblem) -> None:
         """SolverError where the arm cannot be held at an end of the path."""
@@ -100,7 +126,7 @@ def enforce_limits(
     """
     assert problem.limits is not None
     bounds = _Bounds(problem.equations, problem.limits)
-    if bounds.are_kept(unlimited):
+    if bounds.are_kept(problem, unlimited):
         return from_library(unlimited)
     bounds.check_equilibrium(problem)
     check_time("limits")
@@ -150,9 +176,7 @@ def _modify_path(
             sample.derivative(2),
             period=period,
             q_start=path.q_start,
-            torque_max=bounds.torque,
-            speed_max=bounds.speed,
-            deflection_max=bounds.deflection,
+            **bounds.arguments(problem.equations.model),
             knot_samples=knot_samples,
             n_pre=unlimited.n_pre,
             n_post=unlimited.n_post,

@@ -13,7 +13,7 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.limits import KEPT, Limits, limits_of_model
+from flexgen.mechanics.limits import KEPT, KEPT_TO, Limits, limits_of_model
 from flexgen.mechanics.output_columns import columns_in, unit_of
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -383,9 +383,9 @@ def exceeded_limits(robot: RobotModel, limits: Limits, trajectory: Trajectory, s
 def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Solution:
     """The solution, "limits exceeded" where it is solved beyond limits of the model file that are not ignored.
 
-    Or beyond those of the ``given`` limits that the methods do not keep.
+    Or beyond those of the ``given`` limits that its method does not keep.
     """
-    more = () if given is None else exceeded_limits(solution.model, given.without(*KEPT), solution.trajectory)
+    more = () if given is None else exceeded_limits(solution.model, given.without(*KEPT), solution.trajectory, KEPT_TO)
     solution = replace(solution, warnings=tuple(dict.fromkeys((*solution.warnings, *more))))
     if more and solution.status in (Status.SOLVED, Status.LIMITS_ACTIVE):
         return replace(solution, status=Status.LIMITS_EXCEEDED)

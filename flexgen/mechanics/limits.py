@@ -33,7 +33,8 @@ EACH = {
     "joint_speed": "gear",
     "joint_acceleration": "gear",
 }
-KEPT = ("torque", "speed", "deflection")  # by the methods of `solve` that keep limits
+KEPT = ("torque", "speed", "deflection")  # by all methods of `solve` that keep limits
+KEPT_TO = 1.1e-3  # relative: the method lq keeps limits to a thousandth, in samples of a rougher tolerance
 
 
 @checked_class
@@ -41,8 +42,9 @@ KEPT = ("torque", "speed", "deflection")  # by the methods of `solve` that keep 
 class Limits:
     """Bounds on torques, speeds, deflections and the tool; None: no bounds of that kind.
 
-    `from_model` reads them from the model file, or makes them from one number for all motors. `solve` keeps ``torque``,
-    ``speed`` and ``deflection``, and states which of the others its solution exceeds; `fastest` keeps all of them.
+    `from_model` reads them from the model file, or makes them from one number for all motors. `fastest` keeps all
+    of them, `solve` all but the effective ones (``torque_rms``, ``gear_torque_rms``), of which it states what its
+    solution exceeds. Its methods "full" and "collocation" keep ``torque``, ``speed`` and ``deflection`` alone.
 
     Attributes
     ----------

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.runtime.arguments import number_of, whole_of
 from flexgen.runtime.inversion_arguments import array_of, parameters_of
 from flexgen.runtime.path_inversion import Inversion, Inverter
 from flexgen.runtime.servo import servo_options
 from flexgen.runtime.structs import struct_of
+from flexgen.spec.curve import TORQUE_SPEED, is_torque_speed
+
+SIZES = {
+    "torque_max": "n_m",
+    "speed_max": "n_m",
+    "torque_rate_max": "n_m",
+    "deflection_max": "n_e",
+    "gear_torque_max": "n_g",
+    "joint_speed_max": "n_g",
+    "joint_acceleration_max": "n_g",
+}
+NO_CURVE = ((0.0, 1e30), (1e30, 1e30))  # of a motor without a curve: rad/s, N m
 
 
 class LimitsInfeasibleError(SolverError):
@@ -52,6 +66,13 @@ class LimitedInverter(Inverter):
         torque_max: Any = None,
         speed_max: Any = None,
         deflection_max: Any = None,
+        gear_torque_max: Any = None,
+        torque_rate_max: Any = None,
+        joint_speed_max: Any = None,
+        joint_acceleration_max: Any = None,
+        tool_speed_max: float = 0.0,
+        tool_acceleration_max: float = 0.0,
+        torque_speed: Any = None,
         knot_samples: int = 0,
         n_pre: int = 0,
         n_post: int = 0,
@@ -72,12 +93,16 @@ class LimitedInverter(Inverter):
         y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
             As of `Library.invert`, like ``parameters``, ``force`` and ``servo``. The deviation is zero at the first and
             the last sample: repeat these at rest where the motion may take longer than the path.
-        torque_max : array (n_m,), optional
-            Largest motor torques [N m].
-        speed_max : array (n_m,), optional
-            Largest motor speeds [rad/s].
+        torque_max, speed_max, torque_rate_max : array (n_m,), optional
+            Largest motor torques [N m], motor speeds [rad/s], and rates of the torques between samples [N m/s].
         deflection_max : array (n_e,), optional
             Largest deflections of the unactuated coordinates [rad or m].
+        gear_torque_max, joint_speed_max, joint_acceleration_max : array (n_g,), optional
+            Largest torques of the gears, arm side, and speeds and accelerations of their joints [SI units].
+        tool_speed_max, tool_acceleration_max : float
+            Of a path of the tool: its largest speed [m/s] and acceleration [m/s^2]; 0: no limit.
+        torque_speed : sequence of arrays (points, 2), optional
+            For each motor points [rad/s, N m] of its largest torque over the speed: a convex region; () for none.
         knot_samples : int
             Samples between two knots of the deviation; 0: a thirtieth of the path.
 
@@ -97,16 +122,10 @@ class LimitedInverter(Inverter):
         function, sizes = self._function, self._sizes
         given = self._samples(y, dy, ddy, force)
         q = array_of(function, "q_start", q_start, (sizes["n_a"],), self._real)
-        limits: dict[str, Any] = {}
-        for name, x, size in (
-            ("torque_max", torque_max, sizes["n_m"]),
-            ("speed_max", speed_max, sizes["n_m"]),
-            ("deflection_max", deflection_max, sizes["n_e"]),
-        ):
-            if x is not None:
-                limits[name] = array_of(function, name, x, (size,), self._real)
-                if not (limits[name] > 0).all():
-                    raise ArgumentError(f"{function}, {name}: given {limits[name]}, expected positive numbers")
+        arrays = [torque_max, speed_max, torque_rate_max, deflection_max, gear_torque_max]
+        arrays += [joint_speed_max, joint_acceleration_max]
+        limits = self._arrays(dict(zip(SIZES, arrays, strict=True)))
+        limits |= self._of_tool_and_curves(tool_speed_max, tool_acceleration_max, torque_speed)
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         deviation = np.zeros_like(given["dy"])
@@ -114,6 +133,35 @@ class LimitedInverter(Inverter):
         bounds = struct_of(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)
         values, period = parameters_of(function, parameters, self._parameters), number_of(function, "period", period)
         return replace(self._invert(given, values, q, period, options, bounds), deviation=deviation)
+
+    def _arrays(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Arrays of positive numbers of the limits that are given."""
+        out = {}
+        for name, x in given.items():
+            if x is not None:
+                out[name] = array_of(self._function, name, x, (self._sizes[SIZES[name]],), self._real)
+                if not (out[name] > 0).all():
+                    raise ArgumentError(f"{self._function}, {name}: given {out[name]}, expected positive numbers")
+        return out
+
+    def _of_tool_and_curves(self, speed: Any, acceleration: Any, torque_speed: Any) -> dict[str, Any]:
+        """The other members of the limits."""
+        function, out = self._function, dict[str, Any]()
+        for name, x in (("tool_speed_max", speed), ("tool_acceleration_max", acceleration)):
+            out[name] = number_of(function, name, x)
+            if not out[name] >= 0.0:
+                raise ArgumentError(f"{function}, {name}: given {show_value(x)}, expected a number >= 0")
+        if torque_speed is not None:
+            curves = [np.array(x if len(x) else NO_CURVE, dtype=float) for x in torque_speed if np.ndim(x) > 0]
+            if len(curves) != self._sizes["n_m"] or not all(map(is_torque_speed, curves)):
+                raise ArgumentError(
+                    f"{function}, torque_speed: given {show_value(torque_speed)}, expected for each of "
+                    f"{self._sizes['n_m']} motors {TORQUE_SPEED}; or nothing for a motor"
+                )
+            most = max(map(len, curves))
+            same = [[*curve, *[curve[-1]] * (most - len(curve))] for curve in curves]
+            out |= {"torque_speed": np.array(same, dtype=self._real), "torque_speed_points": most}
+        return out
 
     def _check_status(self, status: int, reported: dict[str, Any]) -> None:
         if status == self._interface.statuses["LIMITS_INFEASIBLE"]:

@@ -136,6 +136,16 @@ typedef struct {
     const elbow_real *deflection_max; /* n_e [mixed] largest deflections of the unactuated coordinates */
     int knot_samples; /* samples between two knots of the deviation; 0: a thirtieth of the path */
     elbow_real *deviation; /* n x n_y [mixed] result: deviation from the path; not written if null */
+    const elbow_real *gear_torque_max; /* n_g [mixed] largest torques of the gears, arm side */
+    const elbow_real *torque_rate_max; /* n_m [N m/s] largest rates of motor torques, from samples */
+    const elbow_real *joint_speed_max; /* n_g [mixed] largest speeds of the actuated joints */
+    const elbow_real *joint_acceleration_max; /* n_g [mixed] largest accelerations of these joints */
+    elbow_real tool_speed_max; /* [m/s] of a path of the tool: its largest speed; 0: no limit */
+    elbow_real tool_acceleration_max; /* [m/s^2] its largest acceleration; 0: no limit */
+    /* n_m x torque_speed_points x 2 [rad/s, N m] points (speed, torque) of the largest motor torques over the speed: a
+     * convex region, from speed 0 on, the last point repeated where a motor has fewer */
+    const elbow_real *torque_speed;
+    int torque_speed_points; /* points of each motor, at least 2; ignored without a curve */
 } elbow_inversion_limits;
 
 /* What invert_limited reports. */

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -158,6 +158,16 @@ def test_limits_that_cannot_be_kept_are_refused() -> None:
         ({"torque_max": [np.nan, 1.0]}, "torque_max: given .*positive"),
         ({"speed_max": [0.0, 1.0]}, "speed_max: given .*positive"),
         ({"deflection_max": [-1.0]}, "deflection_max: given .*positive"),
+        ({"gear_torque_max": [1.0, -1.0]}, "gear_torque_max: given .*positive"),
+        ({"torque_rate_max": [1.0]}, r"torque_rate_max: given shape \(1,\)"),
+        ({"joint_speed_max": [np.nan, 1.0]}, "joint_speed_max: given .*positive"),
+        ({"joint_acceleration_max": [0.0, 1.0]}, "joint_acceleration_max: given .*positive"),
+        ({"tool_speed_max": -1.0}, "tool_speed_max: given -1.0, expected a number >= 0"),
+        ({"tool_acceleration_max": np.nan}, "tool_acceleration_max: given nan, expected a number >= 0"),
+        ({"torque_speed": [1.0, 1.0]}, r"torque_speed: given \[1.0, 1.0\], expected for each of 2 motors two or more"),
+        ({"torque_speed": 2 * [[[0.0, 1.0], [5.0, 2.0]]]}, "torque_speed: given .*the torque falls"),
+        ({"torque_speed": 2 * [[[0.0, 1.0], [5.0, 0.5], [9.0, 0.4]]]}, "torque_speed: given .*falls faster"),
+        ({"torque_speed": 2 * [[[0.0, 1.0]]]}, "torque_speed: given .*two or more points"),
         ({"torque_max": [1.0, 1.0], "knot_samples": 400}, "expected at least 9 knots"),
         ({"torque_max": [1.0, 1.0], "knot_samples": -1}, "expected at least 9 knots"),
     ],
@@ -174,6 +184,61 @@ def test_the_function_survives_pickling_and_refuses_calls_after_close() -> None:
     again = pickle.loads(pickle.dumps(one.library.invert_limited))
     found = again(one.y, one.dy, one.ddy, torque_max=[22.0, 22.0], **one.options)
     assert np.array_equal(found.tau_m, one.invert(torque_max=[22.0, 22.0]).tau_m)
+
+
+CURVE = [[[0.0, 22.0], [400.0, 20.0], [900.0, 8.0]], [[0.0, 9.0], [130.0, 8.0], [260.0, 2.0]]]  # rad/s, N m
+
+
+def use_of(kind: str, one: Case, found: Inversion, bound: np.ndarray) -> float:
+    """The largest part of a limit that a motion uses, by other formulas than in C."""
+    period, i_g = one.options["period"], list(flexgen.read("planar5_nmp").i_g)
+    if kind.startswith("tool"):
+        place = one.y if found.deviation is None else one.y + found.deviation
+        x = np.gradient(place, period, axis=0)
+        x = x if kind == "tool_speed_max" else np.gradient(x, period, axis=0)
+        return float((np.linalg.norm(x, axis=1) / bound).max())
+    if kind == "torque_speed":
+        most = [np.interp(np.abs(v), *np.transpose(curve)) for v, curve in zip(found.v_m.T, bound, strict=True)]
+        return float((np.abs(found.tau_m) / np.transpose(most)).max())
+    values = {
+        "gear_torque_max": found.tau_g,
+        "torque_rate_max": np.diff(found.tau_m, axis=0) / period,
+        "joint_speed_max": found.v_a[:, i_g],
+        "joint_acceleration_max": found.a_a[:, i_g],
+    }
+    return float((np.abs(values[kind]) / bound).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "factor"),
+    [
+        ("gear_torque_max", 0.92),
+        ("torque_rate_max", 0.9),
+        ("joint_speed_max", 0.97),
+        ("joint_acceleration_max", 0.9),
+        ("tool_speed_max", 0.97),
+        ("tool_acceleration_max", 0.9),
+        ("torque_speed", 0.9),
+    ],
+)
+def test_other_limits_are_kept(kind: str, factor: float) -> None:
+    """Limits of a part of what the path needs."""
+    one = case("planar5_nmp")
+    size = 1 if kind.startswith("tool") else 2
+    if kind == "torque_speed":
+        bound = np.array(CURVE)
+        bound[:, :, 1] *= factor * use_of(kind, one, free(one), bound)
+    else:
+        bound = factor * np.array([use_of(kind, one, free(one), x) for x in each(size)])
+    assert use_of(kind, one, free(one), bound) == pytest.approx(1 / factor)
+    found = one.invert(**{kind: float(bound[0]) if size == 1 else bound})
+    assert found.limits_active and 1e-5 < found.deviation_m < 5e-2
+    assert use_of(kind, one, found, bound) <= 1 + KEPT
+
+
+def each(size: int) -> list[np.ndarray]:
+    """Bounds of 1 for one quantity, and of infinity for the others."""
+    return [np.where(np.arange(size) == k, 1.0, np.inf) for k in range(size)]
 
 
 RESPONSE = "*response = (m->trial"
@@ -210,6 +275,25 @@ def test_a_planted_bug_is_corrected_by_iterations_or_found(bug: str, tmp_path, m
     else:
         with pytest.raises(SolverError, match="cannot be kept"):
             invert()
+
+
+PARTS = {
+    "torque_rate_max": ("- torque) / m->period;", "- torque) / (1.2 * m->period);"),
+    "torque_speed": ("both[1] = out[i] - load;", "both[1] = out[i] - 0.5 * load;"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", PARTS)
+def test_a_planted_bug_in_a_quantity_is_found(kind: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    texts = dict(clib_files.read_clib())
+    text = texts["invert_limited.c"]
+    assert text.count(PARTS[kind][0]) == 1
+    monkeypatch.setattr(clib_files, "read_clib", lambda: texts | {"invert_limited.c": text.replace(*PARTS[kind])})
+    wrong = replace(case("planar5_nmp"), library=load(flexgen.generate("planar5_nmp", tmp_path / "wrong").directory))
+    bound = np.array(CURVE) if kind == "torque_speed" else np.ones(2)
+    bound = bound * np.array([1.0, 0.9 * use_of(kind, wrong, free(wrong), bound)])[-bound.ndim // 2 :]
+    assert use_of(kind, wrong, wrong.invert(**{kind: bound}), bound) > 1 + KEPT
 
 
 @pytest.mark.slow

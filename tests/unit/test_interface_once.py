@@ -115,7 +115,7 @@ CALLS = {
     "inversion_limits": (LimitedInverter.__call__,),
     "stream_options": (Stream.__init__,),
 }
-OWN = {"deviation"}  # of the limits: an array of the caller for a result
+OWN = {"deviation", "torque_speed_points"}  # of the limits: an array of the caller, and the size of one
 NOT_OPTIONS = {"y", "dy", "ddy", "force", "period", "q_start", "parameters", "servo", "self", "sizes", "entries"}
 
 

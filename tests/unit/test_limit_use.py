@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -120,11 +121,12 @@ def test_keys_of_a_model_file_are_limits_and_warnings() -> None:
 
 
 def test_given_limits_that_a_method_does_not_keep_are_never_ignored() -> None:
-    limits = Limits(torque=(50.0, 50.0), tool_speed=0.3)
+    limits = Limits(torque=(50.0, 50.0), gear_torque_rms=(100.0, 100.0))
     solution = flexgen.solve("elbow", limits=limits, ignore_limits=True, verify=False, progress=False)
     assert solution.status == "limits exceeded"
-    assert solution.warnings[0].startswith("the tool: speed") and "limit 0.3 m/s" in solution.warnings[0]
-    kept = flexgen.solve("elbow", limits=Limits(torque=(50.0, 50.0), tool_speed=30.0), verify=False, progress=False)
+    assert "effective gear torque" in solution.warnings[0] and "limit 100 N m" in solution.warnings[0]
+    wide = replace(limits, gear_torque_rms=(1e5, 1e5))
+    kept = flexgen.solve("elbow", limits=wide, verify=False, progress=False)
     assert kept.status == "solved"
 
 

@@ -54,6 +54,29 @@ def test_speed_limits_are_kept() -> None:
     assert np.abs(solution.trajectory["v_m"][:, 1]).max() <= 250.0 * (1 + KEPT)
 
 
+@needs_compiler
+def test_limits_of_gears_rates_curves_and_the_tool_are_kept() -> None:
+    """All at once, with a reserve of torque; that of the heating is stated where it is exceeded."""
+    free = flexgen.solve("planar5_nmp", method="lq", verify=False)
+    tau, gear = (np.abs(free.trajectory[x]).max(axis=0) for x in ("tau_m", "tau_g"))
+    curve = tuple(((0.0, 1.3 * t), (200.0, 1.25 * t), (2000.0, 0.3 * t)) for t in tau)
+    speed = np.linalg.norm(np.gradient(free.trajectory["y_ref"], free.trajectory.time, axis=0), axis=1).max()
+    given = {"torque_speed": curve, "gear_torque": tuple(1.08 * gear), "tool_speed": 0.98 * speed, "reserve": 0.1}
+    rate = np.abs(np.diff(free.trajectory["tau_m"], axis=0) / np.diff(free.trajectory.time)[:, None]).max(axis=0)
+    kept = flexgen.Limits(**given, torque_rate=tuple(0.95 * rate))
+    solution = flexgen.solve("planar5_nmp", method="lq", limits=kept, verify=False)
+    assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
+    found = solution.trajectory
+    new = np.abs(np.diff(found["tau_m"], axis=0) / np.diff(found.time)[:, None]).max(axis=0)
+    assert (new <= 0.95 * rate * (1 + KEPT)).all() and (0.95 * rate * 0.99 <= new).any()
+    assert (np.abs(found["tau_g"]).max(axis=0) <= 0.9 * 1.08 * gear * (1 + KEPT)).all()
+    for j, points in enumerate(curve):
+        most = 0.9 * np.interp(np.abs(found["v_m"][:, j]), *np.transpose(points))
+        assert (np.abs(found["tau_m"][:, j]) <= most * (1 + KEPT)).all()
+    hot = flexgen.Limits(**given, torque_rms=tuple(0.3 * tau))
+    assert flexgen.solve("planar5_nmp", method="lq", limits=hot, verify=False).status == Status.LIMITS_EXCEEDED
+
+
 @pytest.mark.slow
 @needs_compiler
 def test_the_modified_path_is_verified() -> None:

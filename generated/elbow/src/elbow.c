@@ -55,7 +55,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "012c3cbb5f1ccc0f6944059f110ba28d1ca6d81647e5703afd0633de89e866a1";
+    return "570413dce65bc1bfde07fd78e3c953226f75c3325755bce7c03e5780f5163061";
 }
 
 elbow_inversion_options elbow_inversion_defaults(void)

@@ -302,14 +302,23 @@ static inline int solve_interior_point(interior_point *p)
 /* --- The function invert_limited. */
 
 enum {
-    LIMITED_KINDS = 2 * NM + NE, /* limited quantities: motor torques and speeds, deflections */
-    PATH_KNOTS = 30,             /* intervals between knots over the path, where the caller does not choose */
-    NODES_PER_KNOT = 8,          /* instants at which the program sees the motion */
-    LIMITED_ROUNDS = 20,         /* programs, each followed by an inversion */
-    FRICTION_ROUNDS = 6,         /* programs until the friction agrees with the speeds after the step */
-    RESPONSE_PART = 3,           /* of the samples before and after the path, in which a response matters */
-    ROW_ROUNDS = 5,              /* programs until no other row is exceeded */
-    MORE_ROWS = 6                /* rows of a program, for each unknown */
+    /* The limited quantities: motor torques and speeds, deflections; torques of gears, rates of motor torques, speeds
+       and accelerations of joints, speed and acceleration of the tool; then both signs of each edge of the torque-speed
+       curves, of each motor in turn. */
+    OF_DEFLECTION = 2 * NM,
+    OF_GEAR = OF_DEFLECTION + NE,
+    OF_RATE = OF_GEAR + NG,
+    OF_JOINT = OF_RATE + NM,
+    OF_TOOL = OF_JOINT + 2 * NG,
+    OF_CURVE = OF_TOOL + 2,
+    POINTS_MAX = 100,    /* of a torque-speed curve */
+    PATH_KNOTS = 30,     /* intervals between knots over the path, where the caller does not choose */
+    NODES_PER_KNOT = 8,  /* instants at which the program sees the motion */
+    LIMITED_ROUNDS = 20, /* programs, each followed by an inversion */
+    FRICTION_ROUNDS = 6, /* programs until the friction agrees with the speeds after the step */
+    RESPONSE_PART = 3,   /* of the samples before and after the path, in which a response matters */
+    ROW_ROUNDS = 5,      /* programs until no other row is exceeded */
+    MORE_ROWS = 6        /* rows of a program, for each unknown */
 };
 
 static const real limit_slack = 1e-3;  /* of a limit: largest violation of a result */
@@ -330,15 +339,22 @@ static const real push_size = 1.0;          /* m/s^2, rad/s^2: acceleration of a
 /* Sizes and arrays of a call; the arrays are in the workspace. */
 typedef struct {
     int n, samples, spacing, count, unknowns, stride, nodes, kinds, rows_max, width;
-    int kind[LIMITED_KINDS];   /* the limited quantities */
-    real limit[LIMITED_KINDS]; /* of all quantities */
-    real room;                 /* of a limit: distance that the program keeps from it */
+    int all, edges; /* quantities, and edges of a torque-speed curve */
+    int has_motion; /* whether the motion of gears and joints is needed */
+    real period;    /* s */
+    real room;      /* of a limit: distance that the program keeps from it */
+    real *kind;     /* the numbers of the limited quantities */
+    real *limit;    /* of all quantities */
+    real *load;     /* NM x edges: torque that a speed takes from the edge of a curve [N m s/rad] */
+    real *values;   /* of all quantities at one sample */
     real *y, *dy, *ddy;
     real *q_a, *v_m, *tau_m; /* of an inversion, at all samples */
-    real *at_node, *trial;   /* nodes x LIMITED_KINDS: torques without friction, speeds, deflections */
-    real *extreme;  /* nodes x LIMITED_KINDS: relative to the limits, the largest of the samples around a node */
-    real *shown;    /* nodes x LIMITED_KINDS: the same, as the linear program sees it */
-    real *response; /* nodes x kinds x unknowns */
+    real *v_a, *a_a, *tau_g;
+    real *at_node, *trial;         /* nodes x all: the quantities, motor torques without friction */
+    real *extreme;                 /* nodes x all: relative to the limits, the largest of the samples around a node */
+    real *shown;                   /* nodes x all: the same, as the linear program sees it */
+    real *response;                /* nodes x kinds x unknowns */
+    real *secants;                 /* nodes x NM: of the friction, in the memory of `trial` */
     real *c, *step, *best, *tried; /* unknowns */
     real *cost, *H, *g;
     real *A, *x, *K, *z, *range, *of_rows; /* of the interior point method */
@@ -347,21 +363,96 @@ typedef struct {
     int64_t inner_size, end;
 } limited_call;
 
+/* The motor whose torque is in a quantity; -1: none. */
+static inline int motor_of_torque(const limited_call *m, int kind)
+{
+    return kind < NM ? kind : kind >= OF_CURVE ? (kind - OF_CURVE) / (2 * m->edges) : -1;
+}
+
+/* The largest torque of a motor at rest by an edge of its torque-speed curve, and what the speed takes from it; the
+ * first is infinite where there is no edge. */
+static inline real edge_of_curve(const elbow_inversion_limits *limits, int motor, int edge, real *load)
+{
+    const real *from = limits->torque_speed + ((ptrdiff_t)motor * limits->torque_speed_points + edge) * 2;
+    const real run = from[2] - from[0];
+    *load = 0.0;
+    if (!(run > 0.0)) {
+        return (real)INFINITY;
+    }
+    *load = (from[1] - from[3]) / run;
+    return from[3] + *load * from[2];
+}
+
+/* The limit of a quantity; infinite where there is none. */
+static inline real limit_of(const elbow_inversion_limits *limits, int kind, int edges)
+{
+    const real none = (real)INFINITY;
+    if (kind < NM) {
+        return limits->torque_max == NULL ? none : limits->torque_max[kind];
+    }
+    if (kind < OF_DEFLECTION) {
+        const int i = kind - NM, points = limits->torque_speed_points;
+        const real most = limits->speed_max == NULL ? none : limits->speed_max[i];
+        return limits->torque_speed == NULL ?
+                   most :
+                   fmin_1(
+                       most, limits->torque_speed[((ptrdiff_t)i * points + points - 1) * 2]); /* the end of the curve */
+    }
+    if (kind < OF_GEAR) {
+        return limits->deflection_max == NULL ? none : limits->deflection_max[kind - OF_DEFLECTION];
+    }
+    if (kind < OF_RATE) {
+        return limits->gear_torque_max == NULL ? none : limits->gear_torque_max[kind - OF_GEAR];
+    }
+    if (kind < OF_JOINT) {
+        return limits->torque_rate_max == NULL ? none : limits->torque_rate_max[kind - OF_RATE];
+    }
+    if (kind < OF_TOOL) {
+        const int i = kind - OF_JOINT;
+        const real *of = i < NG ? limits->joint_speed_max : limits->joint_acceleration_max;
+        return of == NULL ? none : of[i % NG];
+    }
+    if (kind < OF_CURVE) {
+        const real most = kind == OF_TOOL ? limits->tool_speed_max : limits->tool_acceleration_max;
+        return most > 0.0 ? most : none;
+    }
+    {
+        const int i = (kind - OF_CURVE) / 2;
+        real load;
+        return edge_of_curve(limits, i / edges, i % edges, &load);
+    }
+}
+
 /*
  * The quantities whose responses are needed: those with a limit, and the speeds of motors with a limit of the torque,
- * for the friction. Returns their number.
+ * for the friction. Their number is m->kinds; they are not written where there is no memory yet.
  */
-static int choose_kinds(const elbow_inversion_limits *limits, int kind[LIMITED_KINDS], real limit[LIMITED_KINDS])
+static void choose_kinds(const elbow_inversion_limits *limits, limited_call *m)
 {
-    int count = 0;
-    for (int i = 0; i < LIMITED_KINDS; ++i) {
-        const real *of = i < NM ? limits->torque_max : i < 2 * NM ? limits->speed_max : limits->deflection_max;
-        limit[i] = of == NULL ? (real)INFINITY : of[i < NM ? i : i < 2 * NM ? i - NM : i - 2 * NM];
-        if (limit[i] < (real)INFINITY || (i >= NM && i < 2 * NM && limit[i - NM] < (real)INFINITY)) {
-            kind[count++] = i;
+    m->kinds = m->has_motion = 0;
+    for (int i = 0; i < m->all; ++i) {
+        int is_needed = limit_of(limits, i, m->edges) < (real)INFINITY;
+        m->has_motion |= is_needed && i >= OF_GEAR && i < OF_TOOL;
+        for (int k = 0; i >= NM && i < OF_DEFLECTION && k < m->all; ++k) {
+            is_needed |= motor_of_torque(m, k) == i - NM && limit_of(limits, k, m->edges) < (real)INFINITY;
         }
+        if (m->kind != NULL) {
+            m->limit[i] = limit_of(limits, i, m->edges);
+        }
+        if (m->kind != NULL && is_needed) {
+            m->kind[m->kinds] = (real)i;
+        }
+        m->kinds += is_needed;
     }
-    return count;
+    for (int i = 0; i < NM * m->edges && m->kind != NULL; ++i) {
+        (void)edge_of_curve(limits, i / m->edges, i % m->edges, m->load + i);
+    }
+}
+
+/* Number k of the limited quantities. */
+static inline int kind_at(const limited_call *m, int k)
+{
+    return (int)m->kind[k];
 }
 
 /* The sizes of a call and the positions of its arrays in `work`, if it is not null; 0 where a size is out of range. */
@@ -370,7 +461,8 @@ static int lay_out_limited(
 {
     const int64_t inner = elbow_invert_work(n, o);
     int64_t at = 0, unknowns;
-    if (inner < 0 || limits->knot_samples < 0) {
+    const int points = limits->torque_speed == NULL ? 2 : limits->torque_speed_points;
+    if (inner < 0 || limits->knot_samples < 0 || points < 2 || points > POINTS_MAX) {
         return 0;
     }
     m->n = n;
@@ -388,22 +480,32 @@ static int lay_out_limited(
     unknowns = m->unknowns;
     m->stride = m->spacing / NODES_PER_KNOT > 1 ? m->spacing / NODES_PER_KNOT : 1;
     m->nodes = (m->samples - 1) / m->stride + 1;
-    m->kinds = choose_kinds(limits, m->kind, m->limit);
+    m->edges = limits->torque_speed == NULL ? 0 : limits->torque_speed_points - 1;
+    m->all = OF_CURVE + 2 * NM * m->edges;
+    m->kind = NULL;
+    choose_kinds(limits, m);
     m->rows_max = MORE_ROWS * m->unknowns + 64;
     m->width = (int)padded(unknowns + 1);
 #define PLACE(name, size) \
     m->name = work == NULL ? NULL : work + at; \
     at += padded(size)
+    PLACE(kind, m->all);
+    PLACE(limit, m->all);
+    PLACE(values, m->all);
+    PLACE(load, (int64_t)NM * m->edges);
     PLACE(y, (int64_t)n * NT);
     PLACE(dy, (int64_t)n * NY);
     PLACE(ddy, (int64_t)n * NY);
     PLACE(q_a, (int64_t)m->samples * NA);
     PLACE(v_m, (int64_t)m->samples * NM);
     PLACE(tau_m, (int64_t)m->samples * NM);
-    PLACE(at_node, (int64_t)m->nodes * LIMITED_KINDS);
-    PLACE(trial, (int64_t)m->nodes * LIMITED_KINDS);
-    PLACE(extreme, (int64_t)m->nodes * LIMITED_KINDS);
-    PLACE(shown, (int64_t)m->nodes * LIMITED_KINDS);
+    PLACE(v_a, m->has_motion ? (int64_t)m->samples * NA : 0);
+    PLACE(a_a, m->has_motion ? (int64_t)m->samples * NA : 0);
+    PLACE(tau_g, m->has_motion ? (int64_t)m->samples * NG : 0);
+    PLACE(at_node, (int64_t)m->nodes * m->all);
+    PLACE(trial, (int64_t)m->nodes * m->all);
+    PLACE(extreme, (int64_t)m->nodes * m->all);
+    PLACE(shown, (int64_t)m->nodes * m->all);
     PLACE(response, m->nodes * m->kinds * unknowns);
     PLACE(c, unknowns);
     PLACE(step, unknowns);
@@ -418,8 +520,12 @@ static int lay_out_limited(
     PLACE(z, 2 * (int64_t)m->width);
     PLACE(range, 2 * ((int64_t)m->rows_max + 1)); /* of integers */
     PLACE(of_rows, 6 * ((int64_t)m->rows_max + 1));
-    PLACE(used, (int64_t)m->nodes * LIMITED_KINDS * 2);
+    PLACE(used, (int64_t)m->nodes * m->all * 2);
 #undef PLACE
+    if (work != NULL) {
+        choose_kinds(limits, m);
+    }
+    m->secants = m->trial;
     m->inner = work == NULL ? NULL : work + at;
     m->inner_size = inner;
     m->end = at + inner;
@@ -443,6 +549,34 @@ static int are_limits(const real *limits, int size)
     return 1;
 }
 
+/* Whether each edge of the torque-speed curves has torque at rest, and takes from it with the speed; no NaN. */
+static int are_curves(const elbow_inversion_limits *limits)
+{
+    for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
+        for (int edge = 0; edge < limits->torque_speed_points - 1; ++edge) {
+            real load;
+            const real most = edge_of_curve(limits, i, edge, &load);
+            if (!(most > 0.0 && load >= 0.0 && load < (real)INFINITY)) {
+                return 0;
+            }
+        }
+        if (!(limits->torque_speed[((ptrdiff_t)i + 1) * limits->torque_speed_points * 2 - 2] > 0.0)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Whether all given limits are in their range. */
+static int are_in_range(const elbow_inversion_limits *l)
+{
+    return are_limits(l->torque_max, NM) && are_limits(l->speed_max, NM) && are_limits(l->deflection_max, NE) &&
+           are_limits(l->gear_torque_max, NG) && are_limits(l->torque_rate_max, NM) &&
+           are_limits(l->joint_speed_max, NG) && are_limits(l->joint_acceleration_max, NG) &&
+           l->tool_speed_max >= 0.0 && l->tool_acceleration_max >= 0.0 &&
+           (l->torque_speed == NULL || (l->torque_speed_points >= 2 && are_curves(l)));
+}
+
 /* The path with the deviation of the coefficients. */
 static void deviate(const limited_call *m, const elbow_samples *p, const real *c)
 {
@@ -459,20 +593,43 @@ static void deviate(const limited_call *m, const elbow_samples *p, const real *c
     }
 }
 
-/* The limited quantities at one sample: torques with or without friction, speeds, deflections. */
-static int quantities(const limited_call *m, int sample, int with_friction, real *out, real *space)
+/* The quantities at one sample: motor torques with or without friction, but for their rates, which always have it. */
+static int quantities(const limited_call *m, int sample, int n_pre, int with_friction, real *out, real *space)
 {
-    real friction[NM];
+    const ptrdiff_t later = sample + 1 < m->samples ? sample + 1 : sample;
     const real *v = m->v_m + sample * (ptrdiff_t)NM;
+    const int on_path = sample - n_pre;
+    real friction[NM];
     if (evaluate_motor_friction(v, friction, space) != ELBOW_OK) {
         return 0;
     }
     for (int i = 0; i < NM; ++i) {
-        out[i] = m->tau_m[sample * (ptrdiff_t)NM + i] - (with_friction ? 0.0 : friction[i]);
+        const real torque = m->tau_m[sample * (ptrdiff_t)NM + i];
+        out[i] = torque - (with_friction ? 0.0 : friction[i]);
         out[NM + i] = v[i];
+        out[OF_RATE + i] = (m->tau_m[later * NM + i] - torque) / m->period;
+        for (int edge = 0; edge < m->edges; ++edge) {
+            real *both = out + OF_CURVE + 2 * (i * m->edges + edge);
+            const real load = m->load[i * m->edges + edge] * v[i];
+            both[0] = out[i] + load;
+            both[1] = out[i] - load;
+        }
     }
     for (int i = 0; i < NE; ++i) {
-        out[2 * NM + i] = m->q_a[sample * (ptrdiff_t)NA + i_e[i]];
+        out[OF_DEFLECTION + i] = m->q_a[sample * (ptrdiff_t)NA + i_e[i]];
+    }
+    for (int i = 0; i < NG; ++i) {
+        out[OF_GEAR + i] = m->has_motion ? m->tau_g[sample * (ptrdiff_t)NG + i] : 0.0;
+        out[OF_JOINT + i] = m->has_motion ? m->v_a[sample * (ptrdiff_t)NA + i_g[i]] : 0.0;
+        out[OF_JOINT + NG + i] = m->has_motion ? m->a_a[sample * (ptrdiff_t)NA + i_g[i]] : 0.0;
+    }
+    out[OF_TOOL] = out[OF_TOOL + 1] = 0.0;
+    if (on_path >= 0 && on_path < m->n) {
+        real speed[2], acceleration[2];
+        size_of_deviation(m->dy + on_path * (ptrdiff_t)NY, speed);
+        size_of_deviation(m->ddy + on_path * (ptrdiff_t)NY, acceleration);
+        out[OF_TOOL] = speed[0];
+        out[OF_TOOL + 1] = acceleration[0];
     }
     return 1;
 }
@@ -504,7 +661,13 @@ static elbow_status follow_deviated(
     limited_call *m, const inner_call *call, const real *c, real *at_node, real *extreme, real *worst)
 {
     elbow_motion motion = {m->q_a, NULL, NULL, NULL, NULL, m->v_m, m->tau_m};
+    const int n_pre = call->options.n_pre;
     elbow_status status;
+    if (m->has_motion) {
+        motion.v_a = m->v_a;
+        motion.a_a = m->a_a;
+        motion.tau_g = m->tau_g;
+    }
     deviate(m, call->p, c);
     status = invert_deviated(m, call, &call->options, &motion);
     if (status < 0) {
@@ -515,17 +678,17 @@ static elbow_status follow_deviated(
     for (int node = 0; node < m->nodes; ++node) {
         const int first = node * m->stride - m->stride / 2;
         const int last = node == m->nodes - 1 ? m->samples - 1 : first + m->stride;
-        if (!quantities(m, node * m->stride, 0, at_node + (ptrdiff_t)node * LIMITED_KINDS, m->inner)) {
+        if (!quantities(m, node * m->stride, n_pre, 0, at_node + (ptrdiff_t)node * m->all, m->inner)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
         for (int sample = first < 0 ? 0 : first; extreme != NULL && sample <= last && sample < m->samples; ++sample) {
-            real x[LIMITED_KINDS];
-            if (!quantities(m, sample, 1, x, m->inner)) {
+            const real *x = m->values;
+            if (!quantities(m, sample, n_pre, 1, m->values, m->inner)) {
                 return ELBOW_RESULT_NOT_FINITE;
             }
             for (int k = 0; k < m->kinds; ++k) {
-                real *most = extreme + (ptrdiff_t)node * LIMITED_KINDS + m->kind[k];
-                const real value = x[m->kind[k]] / m->limit[m->kind[k]];
+                real *most = extreme + (ptrdiff_t)node * m->all + kind_at(m, k);
+                const real value = x[kind_at(m, k)] / m->limit[kind_at(m, k)];
                 if (sample <= 0 || sample == first || fabs_1(value) > fabs_1(*most)) {
                     *most = value;
                 }
@@ -566,7 +729,7 @@ static elbow_status find_responses(limited_call *m, const inner_call *call, real
                 const int last = call->options.n_pre + (i + SPLINES) * m->spacing + behind;
                 for (int node = first / m->stride; node < m->nodes && node * m->stride <= last; ++node) {
                     for (int k = 0; k < m->kinds; ++k) {
-                        const ptrdiff_t at = (ptrdiff_t)node * LIMITED_KINDS + m->kind[k];
+                        const ptrdiff_t at = (ptrdiff_t)node * m->all + kind_at(m, k);
                         real *response = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns + i * NY + j;
                         *response = (m->trial[at] - m->at_node[at]) / push;
                     }
@@ -608,17 +771,17 @@ static void set_cost(const limited_call *m)
  */
 static void fill_response(const limited_call *m, int node, int k, const real *secants, real factor, real *out)
 {
-    const int kind = m->kind[k];
+    const int motor = motor_of_torque(m, kind_at(m, k));
     const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns;
     for (int i = 0; i < m->unknowns; ++i) {
         out[i] = factor * row[i];
     }
-    if (kind < NM && secants[(ptrdiff_t)node * LIMITED_KINDS + kind] != 0.0) {
+    if (motor >= 0 && secants[(ptrdiff_t)node * NM + motor] != 0.0) {
         for (int l = 0; l < m->kinds; ++l) {
-            if (m->kind[l] == NM + kind) {
+            if (kind_at(m, l) == NM + motor) {
                 const real *speed = m->response + ((ptrdiff_t)node * m->kinds + l) * m->unknowns;
                 for (int i = 0; i < m->unknowns; ++i) {
-                    out[i] += factor * secants[(ptrdiff_t)node * LIMITED_KINDS + kind] * speed[i];
+                    out[i] += factor * secants[(ptrdiff_t)node * NM + motor] * speed[i];
                 }
             }
         }
@@ -630,7 +793,7 @@ static void add_row(const limited_call *m, interior_point *p, int node, int k, r
 {
     real *a = m->A + (ptrdiff_t)p->rows * m->width;
     int *range = (int *)(void *)m->range + 2 * (ptrdiff_t)p->rows;
-    fill_response(m, node, k, secants, side / m->limit[m->kind[k]] * coefficient_unit, a);
+    fill_response(m, node, k, secants, side / m->limit[kind_at(m, k)] * coefficient_unit, a);
     range[0] = range[1] = 0;
     for (int i = 0; i < m->unknowns; ++i) {
         if (fabs_1(a[i]) > 0.0) {
@@ -641,7 +804,7 @@ static void add_row(const limited_call *m, interior_point *p, int node, int k, r
     for (int i = m->unknowns; i < m->width; ++i) {
         a[i] = 0.0;
     }
-    m->x[p->rows] = side * m->extreme[(ptrdiff_t)node * LIMITED_KINDS + m->kind[k]] + m->room;
+    m->x[p->rows] = side * m->extreme[(ptrdiff_t)node * m->all + kind_at(m, k)] + m->room;
     ++p->rows;
 }
 
@@ -661,17 +824,18 @@ static void show_rows(const limited_call *m, const real *z, const real *secants)
 {
     for (int node = 0; node < m->nodes; ++node) {
         for (int k = 0; k < m->kinds; ++k) {
-            const ptrdiff_t at = (ptrdiff_t)node * LIMITED_KINDS + m->kind[k];
+            const ptrdiff_t at = (ptrdiff_t)node * m->all + kind_at(m, k);
             const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns, *speed = NULL;
+            const int motor = motor_of_torque(m, kind_at(m, k));
             real sum = 0.0;
-            for (int l = 0; l < m->kinds && m->kind[k] < NM; ++l) {
-                speed = m->kind[l] == NM + m->kind[k] ? m->response + ((ptrdiff_t)node * m->kinds + l) * m->unknowns :
-                                                        speed;
+            for (int l = 0; l < m->kinds && motor >= 0; ++l) {
+                speed = kind_at(m, l) == NM + motor ? m->response + ((ptrdiff_t)node * m->kinds + l) * m->unknowns :
+                                                      speed;
             }
             for (int i = 0; i < m->unknowns; ++i) {
-                sum += (row[i] + (speed != NULL ? secants[at] * speed[i] : 0.0)) * z[i];
+                sum += (row[i] + (speed != NULL ? secants[(ptrdiff_t)node * NM + motor] * speed[i] : 0.0)) * z[i];
             }
-            m->shown[at] = m->extreme[at] + sum * coefficient_unit / m->limit[m->kind[k]];
+            m->shown[at] = m->extreme[at] + sum * coefficient_unit / m->limit[kind_at(m, k)];
         }
     }
 }
@@ -694,9 +858,8 @@ static void set_program(const limited_call *m)
 static int is_peak(const limited_call *m, int node, ptrdiff_t at)
 {
     const real size = fabs_1(m->shown[at]);
-    return node % (NODES_PER_KNOT / 2) == 0 ||
-           ((node == 0 || size >= fabs_1(m->shown[at - LIMITED_KINDS])) &&
-               (node == m->nodes - 1 || size >= fabs_1(m->shown[at + LIMITED_KINDS])));
+    return node % (NODES_PER_KNOT / 2) == 0 || ((node == 0 || size >= fabs_1(m->shown[at - m->all])) &&
+                                                   (node == m->nodes - 1 || size >= fabs_1(m->shown[at + m->all])));
 }
 
 /* Which sides of the limits are in the program: those above `least` too. The number of all. */
@@ -711,7 +874,7 @@ static int choose_rows(const limited_call *m, real least)
         int added = 0;
         for (int mark = 0; mark < 2; ++mark) {
             for (ptrdiff_t i = 0; i < sides; ++i) {
-                const ptrdiff_t at = i / 2 / m->kinds * LIMITED_KINDS + m->kind[i / 2 % m->kinds];
+                const ptrdiff_t at = i / 2 / m->kinds * m->all + kind_at(m, (int)(i / 2 % m->kinds));
                 const int chosen = !(m->used[i] > 0.0) && (i % 2 == 0 ? 1.0 : -1.0) * m->shown[at] > least &&
                                    is_peak(m, (int)(i / 2 / m->kinds), at);
                 added += mark == 0 && chosen;
@@ -770,10 +933,10 @@ static int find_secants(const limited_call *m, const real *step, real *secants, 
 {
     for (int node = 0; node < m->nodes; ++node) {
         real v[NM], after[NM], f[NM], f_after[NM];
-        copy(m->at_node + (ptrdiff_t)node * LIMITED_KINDS + NM, NM, v);
+        copy(m->at_node + (ptrdiff_t)node * m->all + NM, NM, v);
         copy(v, NM, after);
         for (int k = 0; k < m->kinds; ++k) {
-            const int motor = m->kind[k] - NM;
+            const int motor = kind_at(m, k) - NM;
             if (motor >= 0 && motor < NM) {
                 const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns;
                 real sum = 0.0;
@@ -793,7 +956,7 @@ static int find_secants(const limited_call *m, const real *step, real *secants, 
             if (fabs_1(d) > 0.0) {
                 secant = (f_after[i] - f[i]) / d;
             }
-            secants[(ptrdiff_t)node * LIMITED_KINDS + i] = secant;
+            secants[(ptrdiff_t)node * NM + i] = secant;
         }
     }
     return 1;
@@ -805,8 +968,8 @@ static int find_secants(const limited_call *m, const real *step, real *secants, 
  */
 static int find_step(const limited_call *m, real *space)
 {
-    real *secants = m->trial, least = (real)INFINITY; /* the responses are known: its memory is free */
-    for (ptrdiff_t i = 0; i < (ptrdiff_t)m->nodes * LIMITED_KINDS; ++i) {
+    real *secants = m->secants, least = (real)INFINITY; /* the responses are known: its memory is free */
+    for (ptrdiff_t i = 0; i < (ptrdiff_t)m->nodes * NM; ++i) {
         secants[i] = 0.0;
     }
     for (int i = 0; i < m->unknowns; ++i) {
@@ -828,7 +991,7 @@ static int find_step(const limited_call *m, real *space)
             show_rows(m, m->tried, secants);
             for (int node = 0; node < m->nodes; ++node) {
                 for (int k = 0; k < m->kinds; ++k) {
-                    over = fmax_1(over, fabs_1(m->shown[(ptrdiff_t)node * LIMITED_KINDS + m->kind[k]]) - 1.0);
+                    over = fmax_1(over, fabs_1(m->shown[(ptrdiff_t)node * m->all + kind_at(m, k)]) - 1.0);
                 }
             }
             if (over < least) {
@@ -875,8 +1038,8 @@ static elbow_status modify_path_within(limited_call *m, const inner_call *call, 
             return status;
         }
         copy(m->tried, m->unknowns, m->c);
-        copy(m->trial, (ptrdiff_t)m->nodes * LIMITED_KINDS, m->at_node);
-        copy(m->shown, (ptrdiff_t)m->nodes * LIMITED_KINDS, m->extreme);
+        copy(m->trial, (ptrdiff_t)m->nodes * m->all, m->at_node);
+        copy(m->shown, (ptrdiff_t)m->nodes * m->all, m->extreme);
         for (int i = 0; i < m->unknowns; ++i) {
             most = fmax_1(most, fabs_1(m->c[i]));
             change = fmax_1(change, fabs_1(m->step[i]));
@@ -933,14 +1096,14 @@ static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT
     if (path == NULL || options == NULL || limits == NULL || motion == NULL || work == NULL || values == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (path->n < 2 || !are_limits(limits->torque_max, NM) || !are_limits(limits->speed_max, NM) ||
-        !are_limits(limits->deflection_max, NE) || !lay_out_limited(path->n, options, limits, NULL, &m)) {
+    if (path->n < 2 || !are_in_range(limits) || !lay_out_limited(path->n, options, limits, NULL, &m)) {
         return ELBOW_BAD_ARGUMENT;
     }
     if (work_size < m.end) {
         return ELBOW_WORK_TOO_SMALL;
     }
     (void)lay_out_limited(path->n, options, limits, work, &m);
+    m.period = path->period;
     call.p = path;
     call.parameters = values;
     call.q_start = q_start;
@@ -968,10 +1131,10 @@ static elbow_status invert_within(const elbow_samples *path, PARAMETERS_ARGUMENT
     found = ELBOW_OK;
     if (worst > limit_slack) {
         real at_rest = 0.0;
-        for (int k = 0; k < LIMITED_KINDS; ++k) {
+        for (int k = 0; k < m.all; ++k) {
             at_rest = fmax_1(at_rest, m.limit[k] < (real)INFINITY ? fabs_1(m.extreme[k]) : 0.0);
-            at_rest = fmax_1(at_rest,
-                m.limit[k] < (real)INFINITY ? fabs_1(m.extreme[(ptrdiff_t)(m.nodes - 1) * LIMITED_KINDS + k]) : 0.0);
+            at_rest = fmax_1(
+                at_rest, m.limit[k] < (real)INFINITY ? fabs_1(m.extreme[(ptrdiff_t)(m.nodes - 1) * m.all + k]) : 0.0);
         }
         info->limit_excess = at_rest - 1.0;
         if (at_rest > 1.0 + limit_slack) {

@@ -28,6 +28,9 @@ int main(void)
     double *tau_m = block(2 * TOTAL), *deviation = block(2 * N), *small = block((size_t)planar5_nmp_path_work());
     double *q_a = block(PLANAR5_NMP_NA * TOTAL), *v_a = block(PLANAR5_NMP_NA * TOTAL);
     double *q_m = block(2 * TOTAL), *v_m = block(2 * TOTAL);
+    static const double many[] = {1e9, 1e9};
+    static const double curve[2][3][2] = {
+        {{0.0, 1e6}, {1e4, 1e6}, {2e4, 1e3}}, {{0.0, 1e6}, {1e4, 0.0}, {1e4, 0.0}}}; /* the last one repeated */
     double duration;
     const planar5_nmp_samples path = {N, 1e-3, y, dy, ddy};
     planar5_nmp_motion motion = {q_a, v_a, NULL, NULL, q_m, v_m, tau_m};
@@ -43,12 +46,19 @@ int main(void)
     for (size_t i = 0; i < sizeof torque / sizeof *torque; ++i) {
         for (size_t j = 0; j < sizeof knots / sizeof *knots; ++j) {
             planar5_nmp_inversion_options options = {PRE, POST, 5, 1e-6, PLANAR5_NMP_HOLD_ZOH, 1.0, 0.0, j == 1};
-            const planar5_nmp_inversion_limits limits = {bound, NULL, NULL, knots[j], j % 2 ? deviation : NULL};
+            planar5_nmp_inversion_limits limits = {bound, NULL, NULL, knots[j], j % 2 ? deviation : NULL};
             planar5_nmp_invert_limited_info info;
             int64_t size;
             double *work;
             planar5_nmp_status status;
             memcpy(bound, torque[i], sizeof torque[i]);
+            if (j % 3 == 0) { /* more limits, which are kept */
+                limits.gear_torque_max = limits.torque_rate_max = many;
+                limits.joint_speed_max = limits.joint_acceleration_max = many;
+                limits.tool_speed_max = limits.tool_acceleration_max = 1e9;
+                limits.torque_speed = &curve[0][0][0];
+                limits.torque_speed_points = 3;
+            }
             size = planar5_nmp_invert_limited_work(N, &options, &limits);
             work = block(size > 0 ? (size_t)size : 1);
             status = planar5_nmp_invert_limited(&path, q_start, &options, &limits, &motion, &info, work, size);
