@@ -50,12 +50,15 @@ from flexgen.inverse_kinematics.search import kinematics as kinematics
 from flexgen.inversion.solution import Solution as Solution
 from flexgen.inversion.solve import solve as solve
 from flexgen.inversion.status import Status as Status
+from flexgen.laws.impedance import Impedance as Impedance
 from flexgen.laws.linearising import ComputedTorque as ComputedTorque
 from flexgen.laws.linearising import FeedbackLinearisation as FeedbackLinearisation
 from flexgen.laws.loop_shaping import LoopShaping as LoopShaping
 from flexgen.laws.lq import LQG as LQG
 from flexgen.laws.motor_laws import JointTorqueFeedback as JointTorqueFeedback
 from flexgen.laws.motor_laws import TomeiPD as TomeiPD
+from flexgen.laws.passivity import Passivity as Passivity
+from flexgen.laws.passivity import check_passivity as check_passivity
 from flexgen.laws.state_lq import LQ as LQ
 from flexgen.laws.study import FeedbackStudy as FeedbackStudy
 from flexgen.laws.study import Setting as Setting

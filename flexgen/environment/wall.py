@@ -74,45 +74,52 @@ class Wall:
         if not (is_number(self.gap) and math.isfinite(self.gap)):
             raise ArgumentError(f"wall, gap: given {self.gap!r}, expected a finite number in m")
 
-    def in_world(self, model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
-        """A point where the force begins, and the unit normal, (3,) each, in the world."""
-        R = np.array(model.base.rotation)
-        n = R @ np.array(self.normal) / math.hypot(*self.normal)
-        return np.array(model.base.position) + R @ np.array(self.point) - self.gap * n, n
 
-    def numbers(self, model: RobotModel) -> np.ndarray:
-        """Inputs (8,) of `wall_force`: the point, the normal, stiffness and damping."""
-        return np.array([*np.concatenate(self.in_world(model)), self.stiffness, self.damping])
+def in_world(wall: Wall, model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
+    """A point where the force begins, and the unit normal, (3,) each, in the world."""
+    R = np.array(model.base.rotation)
+    n = R @ np.array(wall.normal) / math.hypot(*wall.normal)
+    return np.array(model.base.position) + R @ np.array(wall.point) - wall.gap * n, n
 
-    def force(self, equations: Equations, q_a: np.ndarray, v_a: np.ndarray) -> np.ndarray:
-        """Forces (n, 3) [N] on the tool along a motion ``q_a``, ``v_a`` (n, n_a), world axes."""
-        numbers = np.tile(self.numbers(equations.model), (len(q_a), 1))
-        return evaluate(wall_force(equations), q_a, v_a, numbers)[0].reshape(-1, TOOL)[:, :3]
 
-    def function(self, equations: Equations) -> ca.Function:
-        """Force and torque (6,) on the tool from ``q_a`` and ``v_a``."""
-        q, v = (ca.SX.sym(name, equations.model.n_a) for name in ("q_a", "v_a"))
-        return ca.Function("wall", [q, v], [wall_force(equations)(q, v, self.numbers(equations.model))])
+def numbers_of(wall: Wall, model: RobotModel) -> np.ndarray:
+    """Inputs (8,) of `wall_force`: the point, the normal, stiffness and damping."""
+    return np.array([*np.concatenate(in_world(wall, model)), wall.stiffness, wall.damping])
 
-    def add_force(self, equations: Equations, motion: Trajectory) -> Trajectory:
-        """The motion with the channel ``contact`` (n, 3) [N], the force on the tool, world axes."""
-        force = self.force(equations, motion["q_a"], motion["v_a"])
-        return replace(
-            motion,
-            channels={**motion.channels, "contact": force},
-            ports={**motion.ports, "contact": Port("contact", (3,), "N", "force of the wall on the tool, world axes")},
-            labels={**motion.labels, "contact": ("fx", "fy", "fz")},
+
+def contact_force(wall: Wall, equations: Equations, q_a: np.ndarray, v_a: np.ndarray) -> np.ndarray:
+    """Forces (n, 3) [N] on the tool along a motion ``q_a``, ``v_a`` (n, n_a), world axes."""
+    numbers = np.tile(numbers_of(wall, equations.model), (len(q_a), 1))
+    return evaluate(wall_force(equations), q_a, v_a, numbers)[0].reshape(-1, TOOL)[:, :3]
+
+
+def contact_function(wall: Wall, equations: Equations) -> ca.Function:
+    """Force and torque (6,) on the tool from ``q_a`` and ``v_a``."""
+    q, v = (ca.SX.sym(name, equations.model.n_a) for name in ("q_a", "v_a"))
+    return ca.Function("wall", [q, v], [wall_force(equations)(q, v, numbers_of(wall, equations.model))])
+
+
+def add_contact(wall: Wall, equations: Equations, motion: Trajectory) -> Trajectory:
+    """The motion with the channel ``contact`` (n, 3) [N], the force on the tool, world axes."""
+    force = contact_force(wall, equations, motion["q_a"], motion["v_a"])
+    port = Port("contact", (3,), "N", "force of the wall on the tool, world axes")
+    return replace(
+        motion,
+        channels={**motion.channels, "contact": force},
+        ports={**motion.ports, "contact": port},
+        labels={**motion.labels, "contact": ("fx", "fy", "fz")},
+    )
+
+
+def check_start(wall: Wall, equations: Equations, q_a: np.ndarray) -> None:
+    """ArgumentError where the tool begins a motion behind the wall."""
+    point, n = in_world(wall, equations.model)
+    p = np.array(equations.function("forward_kinematics")(q_a)[0]).ravel()
+    if (depth := float(n @ (point - p))) > 0.0:
+        raise ArgumentError(
+            f"wall: given a wall in which the tool begins, {depth:.4g} m deep, expected the tool before it; turn the "
+            "normal round, or move the point"
         )
-
-    def check_start(self, equations: Equations, q_a: np.ndarray) -> None:
-        """ArgumentError where the tool begins a motion behind the wall."""
-        point, n = self.in_world(equations.model)
-        p = np.array(equations.function("forward_kinematics")(q_a)[0]).ravel()
-        if (depth := float(n @ (point - p))) > 0.0:
-            raise ArgumentError(
-                f"wall: given a wall in which the tool begins, {depth:.4g} m deep, expected the tool before it; turn "
-                "the normal round, or move the point"
-            )
 
 
 def wall_force(equations: Equations) -> ca.Function:

@@ -19,7 +19,7 @@ from flexgen.analysis.second_order import largest_rate as largest_eigenvalue
 from flexgen.deadline import check_time
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.environment.sense import signals_of
-from flexgen.environment.wall import Wall, wall_force
+from flexgen.environment.wall import Wall, check_start, contact_force, in_world, numbers_of, wall_force
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
@@ -276,7 +276,7 @@ def control_case(
 def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) -> Case:
     """The case of robots whose tools touch a wall, with integration steps that are short enough for it."""
     for q_a, _ in case.rests:
-        wall.check_start(case.equations, q_a)
+        check_start(wall, case.equations, q_a)
     tell, names = progress or (lambda line: None), tuple(p.name for p in case.plants.parameters)
     elastic = case.equations.model
     functions = dict.fromkeys((*case.library.functions, TOOL_FORCE))
@@ -285,7 +285,7 @@ def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) ->
     points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
     normal = np.zeros((len(points[0]), elastic.dof))
     jacobians = evaluate(case.equations.function("jacobian"), points[0])[0].reshape(-1, 6, elastic.n_a)
-    normal[:, : elastic.n_a] = np.einsum("i,kij->kj", wall.in_world(elastic)[1], jacobians[:, :3])
+    normal[:, : elastic.n_a] = np.einsum("i,kij->kj", in_world(wall, elastic)[1], jacobians[:, :3])
     pushing, rate = normal[:, :, None] * normal[:, None], 0.0
     for values in case.plants.values:
         M, D, K, _ = local.matrices(points, values)
@@ -315,7 +315,7 @@ def run_case(
     )  # fmt: skip
     loop.hold(tau)
     if case.wall is not None:
-        numbers = np.tile(case.wall.numbers(case.model), (lanes, 1))
+        numbers = np.tile(numbers_of(case.wall, case.model), (lanes, 1))
         loop.touch(RobotFunction(wall_force(case.equations), numbers, progress or (lambda line: None)))
     known = reference.rows(case.exact_state)
     rows = np.ascontiguousarray(np.broadcast_to(known[:, None], (n, lanes, loop.setup.n_ref)))
@@ -347,7 +347,7 @@ def run_case(
         error, turn = output_errors(case.equations, reference, np.ascontiguousarray(arm))
         stopped = int(loop.saturated[lane]), loop.failures[lane]
         seen = q_m[:, lane], y_s[:, lane]
-        touched = None if case.wall is None else case.wall.force(case.equations, arm, speeds)
+        touched = None if case.wall is None else contact_force(case.wall, case.equations, arm, speeds)
         load = case.plants.loads[lane]
         runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, *seen, load, touched))
     return ControlRun(

@@ -306,13 +306,20 @@ class ControlRun(Result):
         """From a measurement to its torque [s]."""
         return self.delay_samples * self.hardware.sample_s + self.hardware.delay_s
 
-    def loops(self) -> dict[str, LoopAtPose]:
-        """The linear loops at the start, middle and end of the motion; empty for a law that is not linear."""
+    @property
+    def pose_samples(self) -> dict[str, int]:
+        """The samples at the start, middle and end of the motion."""
         reference = self.reference
         times = {"begin": reference.begin, "middle": reference.path_end / 2, "end": reference.end}
         at = np.searchsorted(reference.time, list(times.values())).clip(0, len(reference.time) - 1)
-        found = loops_at(self.model, self.law, self.hardware.sample_s, self.delay_s, reference.points(at), at)
-        return dict(zip(times, found, strict=False))
+        return dict(zip(times, at.tolist(), strict=True))
+
+    def loops(self) -> dict[str, LoopAtPose]:
+        """The linear loops at these poses; empty for a law that is not linear."""
+        samples = self.pose_samples
+        points, at = self.reference.points(np.array([*samples.values()])), np.array([*samples.values()])
+        found = loops_at(self.model, self.law, self.hardware.sample_s, self.delay_s, points, at)
+        return dict(zip(samples, found, strict=False))
 
     def margins(self) -> dict[str, Margins]:
         """Stability margins at these poses."""

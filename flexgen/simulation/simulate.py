@@ -240,7 +240,9 @@ def _task(
 
 def _before_wall(wall: Wall, equations: Equations, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The force on the tool without the wall; ArgumentError where the tool begins behind it."""
-    wall.check_start(equations, given["q_a"][0])
+    from flexgen.environment.wall import check_start
+
+    check_start(wall, equations, given["q_a"][0])
     return {"force": given.get("force", np.zeros((len(given["q_a"]), FORCE)))}
 
 
@@ -248,7 +250,9 @@ def _push(task: _Task) -> _Task:
     """The task with equations for the force on its tool."""
     equations = task.equations
     if task.wall is not None:
-        return replace(task, equations=equations.touching(task.wall.function(equations)))
+        from flexgen.environment.wall import contact_function
+
+        return replace(task, equations=equations.touching(contact_function(task.wall, equations)))
     return replace(task, equations=equations.pushed) if "force" in task.given else task
 
 
@@ -270,7 +274,9 @@ def _simulate_once(
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
     in_m, in_rad, recorded = record_motion(equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
     if task.wall is not None:
-        recorded = task.wall.add_force(equations, recorded)
+        from flexgen.environment.wall import add_contact
+
+        recorded = add_contact(task.wall, equations, recorded)
     later_m, later_rad = _later_errors(task, found, (in_m, in_rad))
     return Simulation(
         trajectory=recorded,

@@ -10,6 +10,7 @@ from mujoco_referee import MujocoMachine, text
 import flexgen
 from flexgen.environment.sense import shown_angles
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.library.model_library import library_with
 from flexgen.mechanics import sensors as sensor_graphs
 from flexgen.mechanics.beam import modal_beam
@@ -187,6 +188,20 @@ def test_an_encoder_error_reaches_the_controller() -> None:
     assert shown == pytest.approx(run.reference.motion["q_m"][-1, 0], abs=1e-5)
     plain = flexgen.control("planar5_nmp", "line")
     assert run.distance(robot).max() > 3 * plain.distance(plain.nominal).max()
+
+
+def test_a_strain_gauge_reads_the_deflection_and_its_responses_are_those_of_the_linear_model() -> None:
+    gauge = {"name": "bend", "type": "strain", "coordinate": "q3", "unit": "um/m", "gauge": 2e4, "offset": -3.0}
+    plain = without_coulomb("planar5_nmp")
+    model = flexgen.read("planar5_nmp", overrides={"sensor": [gauge], **plain})
+    run = flexgen.control(model, "line")
+    assert run.nominal.sensors[:, 0] == pytest.approx(2e-2 * run.nominal.q_a[:, 2] - 3e-6, rel=1e-12, abs=1e-15)
+    plan = flexgen.excite(model, poses=[[0.3, -1.1]], speed_rms=0.005, f_max=100.0, lines=12)
+    found = flexgen.frf(flexgen.measure(plan, model))
+    local = LocalModel(model, (), found.sensors)
+    exact = local.response(local.values, found.poses, found.w, Drive(plan.hardware.sample_s), derivatives=False).G
+    assert found.outputs == ("m1", "m2", "bend")
+    assert np.abs(found.G - exact)[:, :, 2].max() < 2e-3 * np.abs(exact[:, :, 2]).max()
 
 
 BAD = [

@@ -171,7 +171,7 @@ def test_the_force_never_pulls_and_begins_at_the_gap() -> None:
     equations = derive(robot())
     q = np.random.default_rng(1).uniform(-0.5, 0.5, (4000, robot().n_a))
     v = np.random.default_rng(2).uniform(-3.0, 3.0, q.shape)
-    force = wall.force(equations, q, v)
+    force = walls.contact_force(wall, equations, q, v)
     x = evaluate(equations.function("forward_kinematics"), q)[0].reshape(len(q), 3)[:, 0]
     assert (force[:, 0] <= 0).all() and not force[:, 1:].any()
     assert not force[x < 1.01].any() and (force[x > 1.01, 0] < 0).mean() > 0.3

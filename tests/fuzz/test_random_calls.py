@@ -22,6 +22,7 @@ from flexgen.type_checks import checks_of
 NOT_MADE = {
     *("Comparison", "Configuration", "Detection", "Equilibrium", "Estimate", "Exported", "GeneratedLibrary", "Load"),
     *("FeedbackLinearisation", "FeedbackStudy", "InverseKinematics", "JointTorqueFeedback", "LQ", "LearningResult"),
+    "Passivity",
     *("LimitedInverter", "MotionFit", "Phase", "Simulation", "SweepResult", "TorqueCommand", "TuningResult"),
 }
 

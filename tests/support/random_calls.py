@@ -72,6 +72,7 @@ def known_objects() -> dict[type, Any]:
         *(flexgen.Cascade(ones, ones, ones), flexgen.PID(ones, ones, ones), flexgen.LQG(), flexgen.RandomMove(0)),
         *(flexgen.Linear(*[np.eye(2)] * 4), flexgen.TomeiPD(), flexgen.ComputedTorque(), flexgen.LoopShaping()),
         flexgen.Disturbance("step", "m1", 1.0),
+        flexgen.Impedance(joint_stiffness=(1e6, 1e6)),
         flexgen.Wall((2.0, 0.0, 0.0), (-1.0, 0.0, 0.0), 1e4),
     ]
     return {type(thing): thing for thing in objects}

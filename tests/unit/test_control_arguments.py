@@ -28,6 +28,7 @@ ARGUMENTS = {
     "TomeiPD": "frequency_hz damping k_p k_d",
     "ComputedTorque": "frequency_hz",
     "FeedbackLinearisation": "frequency_hz form",
+    "Impedance": "tool_stiffness joint_stiffness damping damping_ratio frequency_hz torque_gain",
     "JointTorqueFeedback": "frequency_hz k_p k_d k_t k_s",
 }
 

@@ -284,7 +284,7 @@ def test_the_method_of_a_run_is_the_implicit_one_if_any_part_needed_it(monkeypat
     monkeypatch.setattr(runs, "_rates", lambda equations, progress: ("f", None))
     monkeypatch.setattr(runs, "rates_of", lambda equations, f, in_c, given, feedback: given)
     t = np.linspace(0.0, 1.0, 6)
-    robot = Made(dof=2, n_m=2, coordinates=())
+    robot = Made(dof=2, n_m=2, coordinates=(), motors=())
     found = runs.run(Made(model=robot), t, lambda a, b: (a, b), np.arange(4.0), [1, 4], 1e-7, None, None)  # type: ignore[arg-type]
     assert_allclose(calls, [(0.0, 0.2), (0.2, 0.8), (0.8, 1.0)])
     assert (found.evaluations, found.integrator, found.rates) == (60, "LSODA", (t[4], t[5]))

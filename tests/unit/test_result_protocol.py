@@ -36,8 +36,10 @@ NO_RESULT = {
         INPUT,
     ),
     **dict.fromkeys("LQG LoopShaping Notch PID PPI TomeiPD Move MoveC MoveJ MoveL PoseTarget Program".split(), INPUT),
-    **dict.fromkeys("RandomMove Grid HalfSpace Sphere Limits Disturbance DriveHardware RobotModel Wall".split(), INPUT),
-    **dict.fromkeys("Scenario Segment Window Setting Port InversionOptions Priors StaticPoses".split(), INPUT),
+    **dict.fromkeys("RandomMove Grid HalfSpace Sphere Limits Disturbance DriveHardware RobotModel".split(), INPUT),
+    **dict.fromkeys(
+        "Impedance Wall Scenario Segment Window Setting Port InversionOptions Priors StaticPoses".split(), INPUT
+    ),
     **dict.fromkeys(["Measurement", "Reference"], "one sample of a running controller"),
     **dict.fromkeys(["Finding", "Trial"], "a row of Check.findings, of FeedbackStudy.trials"),
     "TorqueCommand": "a part of Solution; it has save and trajectory",

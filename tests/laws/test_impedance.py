@@ -1,0 +1,236 @@
+"""Impedance at tool or joints and its feedback of torques: stiffness, contact, and passivity against closed forms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.laws import passivity
+from flexgen.loop.margins import LoopAtPose
+
+pytestmark = needs_compiler
+T, RATIO, MASS = 1e-3, 50.0, 5.0
+ROTOR, FRICTION = 0.25, 100.0  # kg, N s/m: of the motor, seen at the carriage
+SPRING, DAMPER = 2e6, 200.0  # of the elastic gear
+SLIDE = """
+name = "slide"
+description = "one axis: a carriage behind a motor"
+source = "made for tests"
+gravity = [0.0, 0.0, 0.0]
+home_rad = [0.0]
+
+[[element]]
+name = "carriage"
+body = {{ mass = {mass}, com = [0, 0, 0], inertia = [1.0, 1.0, 1.0] }}
+
+[[element.dof]]
+name = "q1"
+type = "translation"
+axis = [1, 0, 0]
+gear = {gear}
+
+[[motor]]
+name = "m1"
+drives = "q1"
+ratio = {ratio}
+inertia = {inertia}
+friction = {{ viscous = {viscous} }}
+
+[[sensor]]
+name = "push"
+type = "joint_torque"
+coordinate = "q1"
+unit = "N"
+
+[output]
+type = "joint"
+joints = ["q1"]
+
+[[move]]
+name = "go"
+type = "joint"
+start_rad = [0.0]
+end_rad = [0.01]
+duration = 0.2
+smoothness = 5
+"""
+RIGID = '{ type = "rigid" }'
+LAW = f'{{ type = "linear", stiffness = {SPRING} }}'
+ELASTIC = f'{{ type = "elastic", side = "arm", spring = {LAW}, damping = {DAMPER} }}'
+
+
+def slide(folder: Path, gear: str) -> Any:
+    path = folder / "slide.toml"
+    numbers = {"mass": MASS, "ratio": RATIO, "inertia": ROTOR / RATIO**2, "viscous": FRICTION / RATIO**2}
+    path.write_text(SLIDE.format(gear=gear, **numbers))
+    return flexgen.read(path)
+
+
+def checked(folder: Path, gear: str, K: float, B: float, delay: float = 0.0, **more: Any) -> Any:
+    law = flexgen.Impedance(joint_stiffness=(K,), damping=(B,), **more)
+    return flexgen.check_passivity(flexgen.control(slide(folder, gear), controller=law, sample_time=T, delay=delay))
+
+
+CASES = [(1e5, 40.0, 0.0), (1e5, 60.0, 0.0), (1e3, 20.0, 0.0), (3e4, 30.0, T), (3e4, 90.0, T), (4.5e4, 20.0, 2 * T)]
+
+
+def bound(K: float, B: float, delay: float) -> float:
+    """Friction less what Colgate and Schenkel demand of a mass under a law with this stiffness and damping."""
+    theta = np.geomspace(2 * np.pi * 0.1 * T, np.pi, 20001)
+    law = (K + B / T * (1 - np.exp(-1j * theta))) * np.exp(-1j * theta * delay / T)
+    return float((FRICTION - T / 2 / (1 - np.cos(theta)) * np.real((1 - np.exp(-1j * theta)) * law)).min())
+
+
+@pytest.mark.parametrize(("K", "B", "delay"), CASES)
+def test_the_margin_of_a_mass_is_the_bound_of_colgate_and_schenkel(
+    K: float, B: float, delay: float, tmp_path: Path
+) -> None:
+    found, known = checked(tmp_path, RIGID, K, B, delay), bound(K, B, delay)
+    if delay == 0.0:
+        assert known == pytest.approx(FRICTION - K * T / 2 - B, rel=1e-9)
+    assert found.margin == pytest.approx(known, abs=2e-3 * (FRICTION - known))
+    assert found.passive is (known > 0) and (found.fails_hz is None) is (known > 0)
+
+
+def test_a_delay_that_the_check_forgets_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = LoopAtPose.__init__
+    monkeypatch.setattr(LoopAtPose, "__init__", lambda self, m, c, h, delay: real(self, m, c, h, 0.0))
+    found = checked(tmp_path, RIGID, 4.5e4, 20.0, 2 * T)
+    assert abs(found.margin - bound(4.5e4, 20.0, 2 * T)) > 10
+
+
+def lifted(w: float, K: float, B: float, k_t: float, delay: float, n: int) -> float:
+    """``mu`` of the elastic slide by hand: impedances of carriage, gear and rotor at the frequencies w + k w_s."""
+    s = 1j * (w + 2 * np.pi / T * np.arange(-n, n))
+    hold = (1 - np.exp(-s * T)) / s * np.exp(-s * delay)
+    law = K + B / T * (1 - np.exp(-1j * w * T))
+    sampled = np.outer(hold, np.ones(2 * n)) / T
+    gear = np.diag(SPRING / s + DAMPER)
+    # Rotor: (m s + b) v = -gear (v - v_2) - (1 + k_t) hold law S (v/s) - k_t hold S gear (v - v_2)
+    pulled = (np.eye(2 * n) + k_t * sampled) @ gear
+    rotor = np.diag(ROTOR * s + FRICTION) + (1 + k_t) * law * sampled @ np.diag(1 / s) + pulled
+    v = np.linalg.solve(rotor, pulled)  # of the rotor, over that of the carriage
+    Z = np.diag(MASS * s) + gear @ (np.eye(2 * n) - v)
+    return float(np.linalg.eigvalsh((Z + Z.conj().T) / 2)[0])
+
+
+@pytest.mark.parametrize("k_t", [0.0, 0.3])
+@pytest.mark.parametrize("delay", [0.0, 0.4 * T])
+def test_the_margin_of_an_elastic_joint_is_that_of_its_impedances(k_t: float, delay: float, tmp_path: Path) -> None:
+    K, B = 2e4, 30.0
+    found = checked(tmp_path, ELASTIC, K, B, delay, torque_gain=k_t)
+    at = slice(None, None, 13)
+    w, n = 2 * np.pi * found.hz[at], passivity.ALIASES
+    known = [2 * lifted(x, K, B, k_t, delay, n) - lifted(x, K, B, k_t, delay, n // 2) for x in w]
+    size = np.abs(known).max()
+    assert found.margins[0, at] == pytest.approx(np.array(known), abs=2e-3 * size)
+    if k_t:
+        turned = [lifted(x, K, B, -k_t, delay, n) for x in w]
+        assert np.abs(found.margins[0, at] - turned).max() > 0.02 * size
+
+
+def test_a_passive_loop_is_stable_at_every_spring_and_another_is_not(tmp_path: Path) -> None:
+    largest = {}
+    for B in (20.0, 200.0):
+        law = flexgen.Impedance(joint_stiffness=(1e5,), damping=(B,))
+        run = flexgen.control(slide(tmp_path, RIGID), controller=law, sample_time=T)
+        loop = run.loops()["end"]
+        sizes = []
+        for stiffness in np.geomspace(1e2, 2e8, 200):  # a wall that is touched: on the carriage and the rotor
+            A = loop.model.A.copy()
+            A[1, 0] -= stiffness / (MASS + ROTOR)
+            touched = type(loop.model)(**{**vars(loop.model), "A": A})
+            sizes.append(LoopAtPose(touched, loop.controller, T, 0.0).largest_eigenvalue())
+        largest[flexgen.check_passivity(run).passive] = max(sizes)
+    assert largest[True] < 1.0 < largest[False]
+
+
+# --- the law ----------------------------------------------------------------------------------------------------------
+
+
+def sensed(**more: Any) -> Any:
+    joints = ("q1", "q2")
+    sensors = [{"name": f"t_{q}", "type": "joint_torque", "coordinate": q, "unit": "N m"} for q in joints]
+    return flexgen.read("planar5_nmp", overrides={"sensor": sensors, "gravity": [0.0, 0.0, 0.0], **more})
+
+
+@pytest.mark.parametrize("k_t", [0.0, 0.2])
+def test_the_tool_gives_way_as_a_spring_of_the_stated_stiffness(k_t: float) -> None:
+    """What the motors move the tool by under a force is force over stiffness, with and without torque feedback."""
+    model, K = sensed(), (3e4, 6e4, 1e4)
+    law = flexgen.Impedance(tool_stiffness=K, torque_gain=k_t)
+    pushes = [flexgen.Disturbance("step", f"tool.{axis}", 20.0, start_s=-0.5) for axis in "xy"]
+    for pushed in ((), pushes):
+        run = flexgen.control(model, "line", controller=law, disturbances=pushed, sample_time=5e-4)
+        if not pushed:
+            free = run.nominal.q_m[-1]
+    J = np.array(flexgen.derive(model).function("jacobian")(run.reference.motion["q_a"][-1]))[:3, :2]
+    moved = J @ np.linalg.inv(model.eta) @ (run.nominal.q_m[-1] - free)
+    assert moved[:2] == pytest.approx([20.0 / K[0], 20.0 / K[1]], rel=0.01)
+
+
+def test_a_file_of_the_law_is_the_law(tmp_path: Path) -> None:
+    path = tmp_path / "soft.toml"
+    path.write_text('type = "impedance"\njoint_stiffness = [1e6, 5e5]\ndamping_ratio = 1.0\n')
+    law = flexgen.Impedance(joint_stiffness=(1e6, 5e5), damping_ratio=1.0)
+    runs = [flexgen.control("planar5_nmp", controller=each, sample_time=1e-3) for each in (str(path), law)]
+    assert (runs[0].nominal.q_a == runs[1].nominal.q_a).all() and runs[1].controller == "impedance at the joints"
+
+
+def test_joint_stiffness_and_damping_are_those_of_the_motors() -> None:
+    model = sensed()
+    law = flexgen.Impedance(joint_stiffness=(1e6, 5e5), damping=(2e4, 1e4), torque_gain=0.5)
+    run = flexgen.control(model, "line", controller=law, sample_time=5e-4)
+    _, _, C, D = (x[-1] for x in run.law.matrices)
+    inverse = np.linalg.inv(model.eta)
+    assert pytest.approx(1.5 * inverse.T @ np.diag([2e4, 1e4]) @ inverse, rel=1e-12) == -C * 5e-4
+    assert D[:, :2] + C == pytest.approx(1.5 * inverse.T @ np.diag([1e6, 5e5]) @ inverse, rel=1e-9)
+    assert D[:, 2:] == pytest.approx(0.5 * inverse.T)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"tool_stiffness": (1.0, 2.0)}, "tool_stiffness: given 2 numbers"),
+        ({"tool_stiffness": (1.0,) * 3, "joint_stiffness": (1.0,)}, "joint_stiffness: given with tool_stiffness"),
+        ({"joint_stiffness": (-1.0,)}, "joint_stiffness: given"),
+        ({"damping": (1.0,)}, "damping: given 1 numbers, expected none"),
+        ({"damping_ratio": 0.0}, "damping_ratio: given 0.0"),
+        ({"torque_gain": -0.1}, "torque_gain: given -0.1"),
+    ],
+)
+def test_wrong_numbers_are_refused(given: dict[str, Any], text: str) -> None:
+    with pytest.raises(ArgumentError, match=text):
+        flexgen.Impedance(**given)
+
+
+@pytest.mark.parametrize(
+    ("name", "law", "text"),
+    [
+        ("planar5_nmp", {"torque_gain": 0.5}, "without a sensor of type joint_torque"),
+        ("planar5_nmp", {"joint_stiffness": (1e6,)}, "joint_stiffness: given 1 numbers, expected 2"),
+        ("planar5_nmp", {"tool_stiffness": (1e4, 0.0, 0.0)}, "leaves a motion of the motors free"),
+        ("planar5_nmp", {"joint_stiffness": (1e10, 1e10)}, "the sampled loop is unstable at 0.5 ms"),
+    ],
+)
+def test_what_does_not_fit_is_refused(name: str, law: dict[str, Any], text: str) -> None:
+    with pytest.raises(ArgumentError, match=text):
+        flexgen.control(name, controller=flexgen.Impedance(**law))
+
+
+def test_loops_that_cannot_be_checked_are_refused() -> None:
+    run = flexgen.control("elbow", controller=flexgen.TomeiPD(frequency_hz=5.0))
+    with pytest.raises(ArgumentError, match="expected a linear one"):
+        flexgen.check_passivity(run)
+    with pytest.raises(ArgumentError, match="low_hz: given 0"):
+        flexgen.check_passivity(flexgen.control("elbow"), low_hz=0.0)
+    tool = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.01}
+    model = flexgen.read("planar5_nmp", overrides={"sensor": [tool]})
+    with pytest.raises(ArgumentError, match=r"uses acc\.[xy], which a force on the tool changes at once"):
+        flexgen.check_passivity(flexgen.control(model, controller=flexgen.LQG(rho=100.0), sample_time=1e-3))
