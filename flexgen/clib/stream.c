@@ -579,6 +579,11 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     }
 #endif
     status = deflection_at_equilibrium(q, stream + l.now, space);
+#if MODEL_LUGRE
+    for (int i = 0; i < BRISTLES + PAST_IMPULSES; ++i) {
+        stream[l.bristles + i] = 0.0;
+    }
+#endif /* MODEL_LUGRE */
 #if MODEL_HYSTERESIS
     if (status == MODEL_OK) {
         branches b;

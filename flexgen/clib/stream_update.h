@@ -9,6 +9,9 @@
 #if MODEL_HYSTERESIS
 #include "model_hysteresis.h"
 #endif /* MODEL_HYSTERESIS */
+#if MODEL_LUGRE
+#include "model_lugre.h"
+#endif /* MODEL_LUGRE */
 #include "model_limits.h"
 #include "model_lq_step.h"
 #include "model_mesh.h"
@@ -80,6 +83,10 @@ typedef struct {
 #if MODEL_POSITION
     ptrdiff_t servo, command; /* see servo.h; the commands */
 #endif                        /* MODEL_POSITION */
+#if MODEL_LUGRE
+    ptrdiff_t bristles,
+        motion;       /* numbers of the bristles, then their impulses; speeds and accelerations of the motors */
+#endif                /* MODEL_LUGRE */
     ptrdiff_t torque; /* motor torques that held ones depend on: HOLD_BEFORE samples, those of this update, ahead */
     ptrdiff_t y, a, a_node, factor, point, costs, row, linear, scale, target_state, cost, levels;
 } layout;
@@ -89,6 +96,9 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
     layout l;
     ptrdiff_t at = (ptrdiff_t)padded(HEAD);
     l.ahead = is_held(hold, delay) ? HOLD_AFTER - 1 + (int)delay : 0;
+#if MODEL_LUGRE
+    l.ahead += MARGIN; /* for differences of the impulses of the bristles */
+#endif                 /* MODEL_LUGRE */
     l.window = BACK + (ptrdiff_t)samples_per_interval + 1 + BACK + l.ahead;
     l.past = (BACK + samples_per_interval - 1) / samples_per_interval + 1;
     l.past = l.past < LAST - 1 ? LAST - 1 : l.past;
@@ -107,6 +117,10 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
     PLACE(now, NG);
 #endif /* MODEL_HYSTERESIS */
     PLACE(joint, l.window * JOINT);
+#if MODEL_LUGRE
+    PLACE(bristles, BRISTLES + (samples_per_interval + l.ahead + 2 * MARGIN) * NM);
+    PLACE(motion, (samples_per_interval + l.ahead + 1) * 2 * NM);
+#endif /* MODEL_LUGRE */
     PLACE(most, MEASURES + NM);
     /* 1 where there is a prediction; predicted motor torques and gear deflections at the end of the interval before */
     PLACE(expected, 1 + NM + NG);
@@ -880,6 +894,46 @@ static inline int hysteretic_window(real *s, const layout *l)
 }
 #endif /* MODEL_HYSTERESIS */
 
+#if MODEL_LUGRE
+
+/*
+ * Add the torques of the bristles to those of the motors in the interval and ahead. The bristles at its end, and the
+ * impulses before that, are carried on.
+ */
+static inline int bristles_in_interval(real *s, const layout *l, int is_first, real *tau_m)
+{
+    const ptrdiff_t each = (ptrdiff_t)s[SAMPLES_PER_INTERVAL], known = each + l->ahead;
+    const real fine = s[PERIOD] / (real)each;
+    real *kept = s + l->bristles, *impulse = kept + BRISTLES + PAST_IMPULSES, *torque = s + l->torque, finite = 0.0;
+    real past[MARGIN][NM];
+    for (int j = 0; j < NM; ++j) {
+        real z = kept[j], since = kept[NM + j];
+        for (ptrdiff_t k = 0; k < known; ++k) {
+            const real *now = s + l->motion + 2 * k * NM + j, *next = now + 2 * NM;
+            const real v[2] = {now[0], next[0]}, a[2] = {now[NM], next[NM]};
+            impulse[k * NM + j] = bristle_impulse(j, fine, v, a, &z, &since);
+            finite += 0.0 * impulse[k * NM + j];
+            if (k + 1 == each) {
+                kept[j] = z;
+                kept[NM + j] = since;
+            }
+        }
+        for (ptrdiff_t k = 0; k + MARGIN <= known; ++k) {
+            const real more = bristle_torque(impulse + k * NM + j, NM, fine);
+            torque[(HOLD_BEFORE + k) * NM + j] += more;
+            if (k < each) {
+                tau_m[k * NM + j] += more;
+            }
+        }
+        for (int i = 0; i < HOLD_BEFORE && is_first; ++i) {
+            torque[i * NM + j] = torque[HOLD_BEFORE * NM + j]; /* at equilibrium before */
+        }
+    }
+    copy(impulse + (each - MARGIN) * NM, PAST_IMPULSES, &past[0][0]);
+    copy(&past[0][0], PAST_IMPULSES, kept + BRISTLES);
+    return finite == 0.0;
+}
+#endif /* MODEL_LUGRE */
 /*
  * Motors in the interval; the deflections of the gears are carried on from update to update. step, output_step: of the
  * motor torques and of the output at its start; steps at rest are not counted.
@@ -937,6 +991,16 @@ static inline int motors_in_interval(
         if (!motors_at_sample(&g, tau, deflection, q, v, a, q_m, v_m, tau_m, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
+#if MODEL_LUGRE
+        for (int j = 0; j < NM; ++j) {
+            real *motion = s + l->motion + 2 * k * NM + j;
+            motion[0] = v_m[j];
+            motion[NM] = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                motion[NM] += eta[j][i] * a[i];
+            }
+        }
+#endif /* MODEL_LUGRE */
         if (k == 0) {
             *step = torque_step_of(s, l, tau_m);
             output_step_of(s, l, s + l->deflection + BACK * NG, output_step);
@@ -958,6 +1022,11 @@ static inline int motors_in_interval(
             copy(tau_m, NM, torque + i * NM); /* at equilibrium before */
         }
     }
+#if MODEL_LUGRE
+    if (!bristles_in_interval(s, l, is_first, out->tau_m)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+#endif /* MODEL_LUGRE */
 #if MODEL_POSITION
     if (is_first && s[l->servo + SERVO_SAMPLE] > 0.0) {
         begin_servo(out->tau_m, out->q_m, s + l->servo); /* before the torques are held, as for a whole path */

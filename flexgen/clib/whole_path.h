@@ -15,6 +15,9 @@
 #if MODEL_POSITION
 #include "model_servo.h"
 #endif /* MODEL_POSITION */
+#if MODEL_LUGRE
+#include "model_lugre.h"
+#endif /* MODEL_LUGRE */
 
 /*
  * --- Gears and motors at all samples of a path, POINTS samples at a time.
@@ -622,6 +625,9 @@ typedef struct {
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
     gear_rows gear;
     real *a_m; /* samples x NM: accelerations of the motors; where the deflections have been */
+#if MODEL_LUGRE
+    real *held; /* NM: torques of the bristles at the last sample, at rest */
+#endif          /* MODEL_LUGRE */
 #if MODEL_NE > 0
     const mesh *m;
     const real *a_node; /* accelerations at its nodes */
@@ -845,6 +851,51 @@ static inline real kinematic_mismatch(const results *r)
     return worst;
 }
 
+#if MODEL_LUGRE
+/* Add the torques of the bristles to those of the motors; their impulses are where the stiffness of the gears was. */
+static inline int add_bristles(const results *r)
+{
+    const real period = r->p->period;
+    bristles b = {{0.0}, {0.0}};
+    for (int j = 0; j < NM; ++j) {
+        real *impulse = r->gear.stiffness + j * r->gear.apart, finite = 0.0;
+        for (ptrdiff_t k = 1; k <= MARGIN; ++k) {
+            impulse[-k] = 0.0;
+        }
+        for (ptrdiff_t k = 0; k + 1 < r->samples && lugre_coulomb[j] > 0.0; k += LANES) {
+            real v[LANES + 1], a[LANES + 1];
+            const ptrdiff_t left = r->samples - 1 - k, used = left < LANES ? left : (ptrdiff_t)LANES;
+            for (ptrdiff_t l = 0; l <= used; ++l) {
+                v[l] = r->v_m[(k + l) * NM + j];
+                a[l] = r->a_m[(k + l) * NM + j];
+            }
+            if (used < LANES || !bristle_impulses(j, period, v, a, impulse + k, &b.z[j], &b.since[j])) {
+                for (ptrdiff_t l = 0; l < used; ++l) {
+                    impulse[k + l] = bristle_impulse(j, period, v + l, a + l, &b.z[j], &b.since[j]);
+                }
+            }
+            for (ptrdiff_t l = 0; l < used; ++l) {
+                finite += 0.0 * impulse[k + l];
+            }
+        }
+        if (!(lugre_coulomb[j] > 0.0)) {
+            continue;
+        }
+        r->held[j] = lugre_stiffness[j] * b.z[j];
+        for (ptrdiff_t k = r->samples - 1; k < r->samples + MARGIN; ++k) {
+            impulse[k] = period * r->held[j];
+        }
+        for (ptrdiff_t k = 0; k < r->samples; ++k) {
+            r->tau_m[k * NM + j] += bristle_torque(impulse + k, 1, period);
+        }
+        if (finite != 0.0) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+#endif /* MODEL_LUGRE */
 /* Motors at the samples, through the gears. */
 static inline int motors_at_samples(const results *r, real *space)
 {
@@ -907,6 +958,11 @@ static inline int motors_at_samples(const results *r, real *space)
         store_samples(p.v_m, NM, used, r->v_m + at * NM);
         store_samples(p.a_m, NM, used, r->a_m + at * NM);
     }
+#if MODEL_LUGRE
+    if (r->tau_m != NULL && !add_bristles(r)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+#endif /* MODEL_LUGRE */
     return MODEL_OK;
 }
 
@@ -953,6 +1009,11 @@ static inline int rest_at_samples(
     if (!motors_of(joints, still, still, tau_g, q_m, v_m, tau_m, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
+#if MODEL_LUGRE
+    for (int j = 0; j < NM; ++j) {
+        tau_m[j] += r->held[j];
+    }
+#endif /* MODEL_LUGRE */
     for (ptrdiff_t k = first; k < all; ++k) {
         copy(q, NA, r->q_a + k * NA);
         for (int i = 0; i < NA; ++i) {
@@ -986,6 +1047,10 @@ static inline model_status finish(const model_samples *p, const model_inversion_
 {
     results r;
     int status;
+#if MODEL_LUGRE
+    real held[NM] = {0.0};
+    r.held = held;
+#endif /* MODEL_LUGRE */
     r.p = p;
     r.o = o;
     r.samples = samples < (ptrdiff_t)l->samples ? samples : (ptrdiff_t)l->samples;

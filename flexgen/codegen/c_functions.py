@@ -22,7 +22,7 @@ from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints
 
-# of gears without hysteresis, motors without Fourier sums of their angle
+# of gears without hysteresis, motors without Fourier sums of their angle and without a friction with a state
 OF_PLAIN_MOTORS = ("invert_limited", "invert_limited_work", "stream_limits")
 
 _N = "n_pre + n + n_post"
@@ -350,7 +350,7 @@ def offered_c_functions(
     offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
     if position_obstacle(model) is not None:
         offered = [f for f in offered if f.part != POSITION]
-    if hysteretic_joints(model) or has_harmonics(model):
+    if hysteretic_joints(model) or has_harmonics(model) or bristled_motors(model):
         offered = [f for f in offered if f.name not in OF_PLAIN_MOTORS]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:
@@ -383,8 +383,8 @@ def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
     """Why a library with these functions has no invert and stream; None where it has them."""
     missing = [name for name in offered_functions(model) if name in INVERTING and name not in functions]
     obstacle = f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
-    if motors := bristled_motors(model):
-        return f"motor {motors[0]} has lugre, a friction that depends on the motion before"
+    if (motors := bristled_motors(model)) and (found := has_harmonics(model)):
+        return f"motor {motors[0]} has lugre and {found}, of which C has one or the other"
     return model.inversion_obstacle() or obstacle
 
 

@@ -13,7 +13,14 @@ from importlib.resources import files
 
 from flexgen.codegen.c_text import comment, declaration, macro, size_macro
 from flexgen.codegen.clib_types import CFunction, Enum, Field, Struct
-from flexgen.codegen.constants_header import constants_header, has_positions, is_harmonic, is_hysteretic, space_of
+from flexgen.codegen.constants_header import (
+    constants_header,
+    has_positions,
+    is_bristled,
+    is_harmonic,
+    is_hysteretic,
+    space_of,
+)
 from flexgen.codegen.interface import LIMITS
 from flexgen.codegen.spec import LibrarySpec
 from flexgen.codegen.stream_bounds import BLOCK, CALL, Linear, stream_operations, stream_size
@@ -34,7 +41,7 @@ KERNEL = (
     "undefine.h",
 )  # of every library
 _SECTION = re.compile(
-    r"^#if MODEL_(FORCE|HYSTERESIS|HARMONICS|POSITION)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
+    r"^#if MODEL_(FORCE|HYSTERESIS|HARMONICS|LUGRE|POSITION)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
     r"^#endif +/\* MODEL_\1 \*/\n",
     re.DOTALL | re.MULTILINE,
 )
@@ -60,9 +67,9 @@ def keep_parts(text: str, parts: Collection[str]) -> str:
 def render(text: str, name: str, precision: str = "double", parts: Collection[str] = ()) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
-    ``parts``: ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``POSITION`` where it has the parts for forces on the output,
-    for gears with hysteresis, for Fourier sums of motor angles, for positions to send, which other libraries do not
-    have.
+    ``parts``: ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``LUGRE``, ``POSITION`` where it has the parts for forces on
+    the output, for gears with hysteresis, for Fourier sums of motor angles, for frictions with a state, for positions
+    to send, which other libraries do not have.
     """
     text = keep_parts(text, parts)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
@@ -103,9 +110,13 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         "FORCE": spec.force,
         "HYSTERESIS": is_hysteretic(spec),
         "HARMONICS": is_harmonic(spec),
+        "LUGRE": is_bristled(spec),
         "POSITION": has_positions(spec),
     }
-    parts, files = [part for part in has if has[part]], {"hysteresis.h": "HYSTERESIS", "servo.h": "POSITION"}
+    parts, files = (
+        [part for part in has if has[part]],
+        {"hysteresis.h": "HYSTERESIS", "lugre.h": "LUGRE", "servo.h": "POSITION"},
+    )
     names = [name for name in names if files.get(name) in (None, *parts)]
     texts = {name: render(read_clib()[name], spec.name, spec.precision, parts) for name in names}
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
@@ -184,14 +195,13 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
     sizes = {**spec.sizes, "n_t": n_t + more}
-    size = stream_size(
-        sizes, space_of(spec, written) + len(spec.parameters) + more, block, is_hysteretic(spec), has_positions(spec)
-    )
+    has = is_hysteretic(spec), has_positions(spec), is_bristled(spec)
+    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, *has)
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
         arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries + more * n_a
-    most = stream_operations(sizes, arithmetic, block, is_hysteretic(spec), has_positions(spec))
+    most = stream_operations(sizes, arithmetic, block, *has)
 
     def linear(name: str, bound: Linear) -> str:
         arguments = "intervals, samples_per_interval"
@@ -299,7 +309,8 @@ def stack_bytes(spec: LibrarySpec) -> int:
     servo = has_positions(spec) * (11 * n_g + 3)
     branches = is_hysteretic(spec) * (80 * (n_g + 8) + 16 * n_g)  # of gears with hysteresis: arrays of lanes
     waves = is_harmonic(spec) * 160 * spec.sizes["n_m"]  # of motors with Fourier sums: motion and factors, in points
-    return -(-(8 * (at_rest + zeros + branches + waves + servo) + 10_000) // 1024) * 1024
+    bristles = is_bristled(spec) * (10 * spec.sizes["n_m"] + 80)
+    return -(-(8 * (at_rest + zeros + branches + waves + bristles + servo) + 10_000) // 1024) * 1024
 
 
 def _in_brackets(extent: str) -> str:

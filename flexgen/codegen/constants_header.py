@@ -22,6 +22,11 @@ def is_harmonic(spec: LibrarySpec) -> bool:
     return any(f.name == "motor_harmonics" for f in spec.functions)
 
 
+def is_bristled(spec: LibrarySpec) -> bool:
+    """Whether the library inverts a model some of whose motors have a friction with a state."""
+    return spec.motor_constants is not None and any(spec.motor_constants.lugre.get("coulomb", ()))
+
+
 def has_positions(spec: LibrarySpec) -> bool:
     """Whether the library gives positions to send."""
     return spec.motor_constants is not None and spec.motor_constants.servo is not None
@@ -58,6 +63,10 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
             f"static const real hysteresis_stiffness[{ng}] = {join(constants.hysteresis_stiffness)}; /* arm side */\n"
         )
         text += f"static const real hysteresis_slip[{ng}] = {join(constants.hysteresis_slip)}; /* 0: none */\n"
+    if is_bristled(spec):
+        for name, values in constants.lugre.items():
+            note = " /* 0: none */" * (name == "coulomb")
+            text += f"static const real lugre_{name}[{nm}] = {join(values)};{note}\n"
     text += _for_growth(spec, written, join(constants.arm_side))
     used = [f for f in spec.functions if f.name in INVERTING]
     space = space_of(spec, written)

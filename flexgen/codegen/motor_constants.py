@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.model.elements import LinearSpring, RobotModel
+from flexgen.model.friction import bristled_motors
 from flexgen.position_servo.keys import ServoTable
 
 
@@ -31,6 +32,8 @@ class MotorConstants:
     gear_is_rigid, gear_is_linear : tuple of bool
     hysteresis_stiffness, hysteresis_slip : tuple of float
         ``K_h`` and ``W`` of `flexgen.mechanics.hysteresis.GearHysteresis`, arm side; zero for gears without hysteresis.
+    lugre : dict of str to tuple of float
+        Numbers of `flexgen.memory.lugre.MotorBristles` by their names; empty where no motor has any.
     arm_side : tuple of float
         Of each position in the state of ``linearize``: 1, or the largest gear ratio of a motor behind elastic gears.
     servo : ServoTable, optional
@@ -51,6 +54,7 @@ class MotorConstants:
     gear_is_linear: tuple[bool, ...]
     hysteresis_stiffness: tuple[float, ...]
     hysteresis_slip: tuple[float, ...]
+    lugre: dict[str, tuple[float, ...]]
     arm_side: tuple[float, ...]
     servo: ServoTable | None
     pose: bool
@@ -65,6 +69,18 @@ def position_obstacle(model: RobotModel) -> str | None:
     if model.servo.filters:
         return f"the servo of model {model.name} filters its torque, which only command_positions inverts"
     return None
+
+
+def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
+    """The numbers of the frictions with a state, by their names in C."""
+    if not bristled_motors(model):
+        return {}
+    from flexgen.memory.lugre import motor_bristles
+
+    law = motor_bristles(model)
+    numbers = (law.coulomb, law.static, law.stribeck_speed, law.stiffness, law.damping)
+    names = ("coulomb", "static", "speed", "stiffness", "damping")
+    return {name: tuple(float(x) for x in values) for name, values in zip(names, numbers, strict=True)}
 
 
 def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants:
@@ -89,6 +105,7 @@ def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants
         gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
         hysteresis_stiffness=tuple(float(x) for x in law.stiffness),
         hysteresis_slip=tuple(float(x) for x in law.slip),
+        lugre=_lugre(model),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,
         pose=model.output.type == "tool_pose",

@@ -22,6 +22,7 @@ INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
 SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
 SERVO = 10  # numbers of a motor of the servo
 BRANCH, BRANCH_PASSES, LOCATIONS = 4, 500, 9 * 60  # of gears with hysteresis: numbers kept; of one sample, at most
+PIECES, PARTS = 4, 64  # of a friction with a state: steps in one sample, at most
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,12 @@ def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
 
 
 def stream_size(
-    sizes: Mapping[str, int], function_work: int, block: int, hysteresis: bool = False, position: bool = False
+    sizes: Mapping[str, int],
+    function_work: int,
+    block: int,
+    hysteresis: bool = False,
+    position: bool = False,
+    bristles: bool = False,
 ) -> Linear:
     """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that it calls."""
     rounding = block - 1  # reals by which an array may be rounded up
@@ -83,6 +89,9 @@ def stream_size(
     total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
     total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + hysteresis * (BRANCH - 1) * n_g, 0, n_m)
+    if bristles:  # impulses, speeds and accelerations, of more samples ahead
+        impulses = Linear((2 + AHEAD + 3 * MARGIN) * n_m, 0, n_m) + Linear(2 * (AHEAD + MARGIN + 1) * n_m, 0, 2 * n_m)
+        total += impulses + Linear(MARGIN * (window + n_m) + 2 * rounding, 0, 0)
     if position:
         total += Linear(3 + SERVO * n_m + 2 * rounding, 0, n_m + n_g)
     total += Linear(n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0)
@@ -101,6 +110,7 @@ def stream_operations(
     block: int,
     hysteresis: bool = False,
     position: bool = False,
+    bristles: bool = False,
 ) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
 
@@ -120,14 +130,18 @@ def stream_operations(
         lanes = -(-n_g // block) * block
         radau = BRANCH_PASSES * (3 * operations["gear_law"] + (3 * (CALL + 30) + 110) * lanes) + LOCATIONS * 80 * lanes
 
+    ahead = AHEAD + MARGIN * bristles
     # the window of samples around the interval, in groups of points; a guess that fails is made again
     group = 2 * kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)
-    window = Linear(group * (2 * BACK + 1 + AHEAD + block) // block + group, 0, group // block + 1)
+    window = Linear(group * (2 * BACK + 1 + ahead + block) // block + group, 0, group // block + 1)
     window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
     window += Linear(600, 0, 2 * TAPS * n_m)  # hold: weights, and their use
     if position:  # of a sample of the servo: its recursion, and the joints
         window += Linear(20 * n_m, 0, 40 * n_m + 2 * n_g * n_m)
-    window += Linear(2 * BACK + 2 + AHEAD, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
+    window += Linear(2 * BACK + 2 + ahead, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
+    if bristles:  # parts, reversals of the speed, torques of a sample of a motor
+        sample = n_m * (PIECES * PARTS * (3 * (CALL + 30) + 130) + 3 * 60 * 12 + 200 + 4 * n_g)
+        window += Linear((ahead + 1) * sample, 0, sample)
     total = window + Linear(kinematics + block * path + 200 * n_g, 40 * (n_g + n_g * n_m + n_m), 0)
 
     total += _limits(sizes, kinematics + rows, path, spring + motors, block)

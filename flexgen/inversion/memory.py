@@ -16,9 +16,8 @@ from flexgen.inversion.motor_side import motors_behind
 from flexgen.inversion.sampling import second_time_derivative, time_derivative
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.hysteretic_gears import hysteretic_deflections
-from flexgen.memory.lugre import bristle_torques, motor_bristles
+from flexgen.memory.lugre import bristle_torques, motor_bristles, torques_to_send
 from flexgen.model.friction import bristled_motors, hysteretic_joints
-from flexgen.numerics.evaluate import evaluate
 
 
 def with_memory(equations: Equations, result: MethodResult) -> MethodResult:
@@ -32,10 +31,8 @@ def with_lugre(equations: Equations, result: MethodResult) -> MethodResult:
     """The result with the torques of bristles, which begin at rest with z = 0."""
     motors = result.motors
     torques = bristle_torques(motor_bristles(equations.model), result.t, motors.v_m, motors.a_m)
-    given = equations.function("given_torque")
-    one, none = (evaluate(given, motors.q_m, x)[0].reshape(torques.shape) for x in (np.ones_like(torques), 0 * torques))
-    more = torques / (one - none)  # the part of its torque that a motor with ripple gives
-    return replace(result, motors=replace(motors, tau_m=motors.tau_m + more), tau_b=torques)
+    tau_m = motors.tau_m + torques_to_send(equations, motors.q_m, torques)
+    return replace(result, motors=replace(motors, tau_m=tau_m), tau_b=torques)
 
 
 def with_hysteresis(equations: Equations, result: MethodResult) -> MethodResult:

@@ -29,6 +29,7 @@ def inversion_library(
     solvers: Sequence[str] = (),
     *,
     native: bool = False,
+    memory: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Library:
     """The library of a model with the functions that a method calls.
@@ -44,6 +45,8 @@ def inversion_library(
         The hand-written sources that it calls; default: the one of the method.
     native : bool
         Compile for this processor: often faster, and the last digits depend on the processor.
+    memory : bool
+        With hysteresis of gears and frictions with a state, which the methods add to the motion of the arm.
     progress : callable, optional
         Called with one line of text before a long step.
 
@@ -58,7 +61,7 @@ def inversion_library(
     from flexgen.mechanics.hysteresis import without_hysteresis
     from flexgen.memory.lugre import without_lugre
 
-    model = without_lugre(without_hysteresis(equations.model))  # motors are computed after the arm's motion
+    model = equations.model if memory else without_lugre(without_hysteresis(equations.model))
     reason = model.inversion_obstacle()
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use --method full")

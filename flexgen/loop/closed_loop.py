@@ -30,7 +30,12 @@ from flexgen.loop.robots_in_c import ARRAYS, Robots, seeds_of
 from flexgen.model.elements import RobotModel
 from flexgen.runtime.library import Library
 
-STATUSES = ("done", "not finite", "controller failed", "the sample time is too long for the hysteresis of the gears")
+STATUSES = (
+    "done",
+    "not finite",
+    "controller failed",
+    "the sample time is too long for the states of gears or frictions",
+)
 STEP_TIMES_RATE, LARGEST_STEP_TIMES_RATE = 1.0, 2.5  # of the Runge-Kutta method; stable below 2.78
 MOST_STEPS = 1000  # a sample
 MOST_DELAY = 64  # samples
@@ -152,6 +157,7 @@ class ClosedLoop:
         self.setup = Setup(q_m, hardware.sample_s, n_a, n_y, n_y + n_m + ((n_m + 2 * n_a) if arm_reference else 0))
         self._controller = controller.compiled(self.setup)
         self._gears = parameters if isinstance(parameters, RobotFunction) else None
+        self._states = 0 if self._gears is None else self._gears.function.size1_in(0) - 2 * (n_a + n_m)
         numbers = None if isinstance(parameters, RobotFunction) else parameters
         self._arrays = self._memory(q_a, self._parameters(library, numbers), seed, late)
         self._arrays["gain"][:] = 1.0 if gain is None else gain
@@ -189,7 +195,7 @@ class ClosedLoop:
         delays = np.concatenate([np.zeros(n_m), channels.delay_samples, exact]).astype(np.int32)
         if delays.max() > MOST_DELAY:
             raise ArgumentError(f"sensors, delay_samples: given {delays.max()}, expected at most {MOST_DELAY}")
-        n, n_z = n_a + n_m, 0 if self._gears is None else model.n_g
+        n, n_z = n_a + n_m, self._states
         rows = 10 * n + 5 * n_z + n_m + len(model.i_g) + n_y + 2 * TOOL
         return {
             "parameters": parameters,
@@ -246,7 +252,7 @@ class ClosedLoop:
             together=self._controller.together or None, **kept,
         )  # fmt: skip
         if self._gears is not None:
-            made.n_z = self.model.n_g
+            made.n_z = self._states
             made.hysteresis = self._address(self._gears)
         if self.channels.function is not None:
             made.signals = self._address(self.channels.function)

@@ -28,7 +28,7 @@ from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Linear
 from flexgen.loop.disturbances import Disturbance, disturbance_table
 from flexgen.loop.hardware import DriveHardware, SensorChannels
-from flexgen.loop.hysteresis import hysteretic_robots, largest_rate, split_plants
+from flexgen.loop.hysteresis import States, hysteretic_robots, largest_rate, split_plants, without_states
 from flexgen.loop.interface import Controller
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.model_law import ModelLaw
@@ -37,9 +37,7 @@ from flexgen.loop.plants import NOMINAL, LocalDynamics, Plants, plants_of
 from flexgen.loop.reference import MotionReference, motion_reference, time_grid
 from flexgen.loop.result import ControlRun, PlantRun, output_errors
 from flexgen.mechanics.equations import Equations, derive, robot_of
-from flexgen.mechanics.hysteresis import GearHysteresis, without_hysteresis
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import refuse_lugre
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
@@ -78,7 +76,7 @@ class Case:
     exact_state: bool = False
     gears: RobotFunction | None = None
     signals: RobotFunction | None = None
-    laws: tuple[GearHysteresis, ...] = ()
+    laws: tuple[States, ...] = ()
     wall: Wall | None = None
 
     @property
@@ -226,7 +224,6 @@ def control_case(
     """The same without a controller: solve the move, make the robots, find their rest positions; see `control`."""
     tell = progress or (lambda line: None)
     robot = robot_of(model)
-    refuse_lugre(robot, "control")
     _check_times(sample_time, delay)
     seed = seed_of(seed)
     check_not_negative("encoder_noise", encoder_noise)
@@ -239,7 +236,7 @@ def control_case(
     of_lane = _of_lanes(disturbances, chosen.names)
     names = tuple(p.name for p in chosen.parameters)
     forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
-    elastic = without_hysteresis(robot)
+    elastic = without_states(robot)
     felt = any(sensor.of_force for sensor in robot.sensors)
     shown = ["sensors"] if robot.sensors and not felt else []
     functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *shown]

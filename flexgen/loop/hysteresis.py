@@ -1,14 +1,15 @@
-"""Robots of the loop whose gears have hysteresis: the equations of motion with Dahl's law, in C that CasADi writes.
+"""Robots of the loop whose gears have hysteresis, or motors bristles: the equations of motion, in C that CasADi writes.
 
     M a = forces + B^T z,    z = W s,    s' = K_h/W (d' - |d'| s),    d: deflections of the gears, s = 0 at the start
 
-Rest, eigenvalues and controllers are those of the springs and dampers alone.
+and the same of the bristles of motors with s = s0 z/F, F the larger one of F_c and F_s. Rest, eigenvalues and
+controllers are those of the springs, dampers and frictions without a state.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -17,53 +18,91 @@ from flexgen.analysis import second_order
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.loop.plants import LocalDynamics, Plants
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.hysteresis import GearHysteresis, gear_hysteresis
+from flexgen.mechanics.hysteresis import GearHysteresis, gear_hysteresis, without_hysteresis
 from flexgen.mechanics.parameters import with_values
+from flexgen.memory.lugre import MotorBristles, motor_bristles, without_lugre
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import hysteretic_joints
-from flexgen.simulation.hysteretic_rate import deflection_rates, generalized_force
+from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.simulation.hysteretic_rate import deflection_rates, generalized_force, motor_force, motor_speeds
 
 
-def split_plants(model: RobotModel, plants: Plants) -> tuple[Plants, tuple[GearHysteresis, ...]]:
-    """The robots with springs and dampers alone, and the hysteresis of each; no laws for a model without hysteresis."""
-    if not hysteretic_joints(model):
+@dataclass(frozen=True)
+class States:
+    """What a robot has of elements with a state."""
+
+    gears: GearHysteresis
+    motors: MotorBristles
+
+    def numbers(self) -> np.ndarray:
+        """W [N m] and K_h/W [1/rad] of the gears, zero where one has none."""
+        return np.concatenate(
+            [self.gears.slip, self.gears.stiffness / np.where(self.gears.present, self.gears.slip, np.inf)]
+        )
+
+    def of_motors(self) -> np.ndarray:
+        """F, F_c, F_s [N m], v_s, s0, s1 of the motors; F is zero where one has no bristles."""
+        motors, there = self.motors, self.motors.present
+        levels = [np.where(there, x, 1.0) for x in (motors.coulomb, motors.static)]  # which divide
+        most = np.where(there, np.maximum(*levels), 0.0)
+        return np.concatenate([most, *levels, motors.stribeck_speed, motors.stiffness, motors.damping])
+
+
+def without_states(model: RobotModel) -> RobotModel:
+    """The model without elements that have a state."""
+    return without_lugre(without_hysteresis(model))
+
+
+def split_plants(model: RobotModel, plants: Plants) -> tuple[Plants, tuple[States, ...]]:
+    """The robots without elements that have a state, and these elements; none for a model without any."""
+    if not (hysteretic_joints(model) or bristled_motors(model)):
         return plants, ()
     names = [p.name for p in plants.parameters]
     numbers = [dict(zip(names, map(float, row), strict=True)) for row in plants.values]
-    laws = [gear_hysteresis(with_values(model, each)) for each in numbers]
-    kept = [k for k, p in enumerate(plants.parameters) if ".hysteresis." not in p.key]
+    made = [with_values(model, each) for each in numbers]
+    laws = [States(gear_hysteresis(each), motor_bristles(each)) for each in made]
+    kept = [k for k, p in enumerate(plants.parameters) if ".hysteresis." not in p.key and ".lugre." not in p.key]
     parameters = tuple(plants.parameters[k] for k in kept)
     return replace(plants, parameters=parameters, values=plants.values[:, kept]), tuple(laws)
 
 
 def hysteretic_robots(
-    equations: Equations, values: np.ndarray, laws: Sequence[GearHysteresis], progress: Callable[[str], None]
+    equations: Equations, values: np.ndarray, laws: Sequence[States], progress: Callable[[str], None]
 ) -> RobotFunction:
     """The rate of the state (q_a, v_a, q_m, v_m, s) of robots with parameters ``values`` (lanes, n_p) and ``laws``.
 
-    Its numbers (lanes, n_p + 2 n_g): the parameters, then W [N m] and K_h/W [1/rad] of each gear, zero where it has no
-    hysteresis. BuildError where there is no compiler that works.
+    Its numbers (lanes, n_p + 2 n_g): the parameters, then `States.numbers`; where a motor has bristles, also 6 n_m of
+    `States.of_motors`, and s is that of all gears, then of all motors. BuildError where no compiler works.
     """
-    slips = np.array([law.slip for law in laws])
-    per_slip = np.array([law.stiffness / np.where(law.present, law.slip, np.inf) for law in laws])
-    numbers = np.hstack([values, slips, per_slip])
-    return RobotFunction(_rate(equations), numbers, lambda line: progress(f"control: {line}"))
+    bristled = any(law.motors.present.any() for law in laws)
+    rows = [[law.numbers(), *([law.of_motors()] if bristled else [])] for law in laws]
+    numbers = np.hstack([values, np.array([np.concatenate(row) for row in rows])])
+    return RobotFunction(_rate(equations, bristled), numbers, lambda line: progress(f"control: {line}"))
 
 
-def _rate(equations: Equations) -> ca.Function:
+def _rate(equations: Equations, bristled: bool) -> ca.Function:
     """The rate of one robot's state; inputs as in closed_loop.c."""
     model, lag, (y, dy, _) = equations.model, equations.lagrangian, equations.y
     n_a, n_m, n_g, i_m = model.n_a, model.n_m, model.n_g, list(model.i_m)
-    state = ca.SX.sym("state", 2 * (n_a + n_m) + n_g)
-    q_a, v_a, q_m, v_m, share = ca.vertsplit(state, np.cumsum([0, n_a, n_a, n_m, n_m, n_g]).tolist())
-    slip, per_slip = ca.SX.sym("slip", n_g), ca.SX.sym("per_slip", n_g)
-    a = equations.acceleration_under(generalized_force(equations.with_symbols, slip * share, lag.q_m))
+    state = ca.SX.sym("state", 2 * (n_a + n_m) + n_g + n_m * bristled)
+    q_a, v_a, q_m, v_m, share, bent = ca.vertsplit(
+        state, np.cumsum([0, n_a, n_a, n_m, n_m, n_g, n_m * bristled]).tolist()
+    )
+    slip, per_slip, law = ca.SX.sym("slip", n_g), ca.SX.sym("per_slip", n_g), ca.SX.sym("law", 6 * n_m * bristled)
+    forces = generalized_force(equations.with_symbols, slip * share, lag.q_m)
     rate = deflection_rates(equations)
     more = per_slip * (rate - ca.fabs(rate) * share)
+    if bristled:
+        most, coulomb, static, speed, stiffness, damping = ca.vertsplit(law, n_m)
+        turning = motor_speeds(equations)
+        level = coulomb + (static - coulomb) * ca.exp(-((turning / speed) ** 2))
+        bending = turning - ca.fabs(turning) * most * bent / level
+        forces -= motor_force(model, most * bent + damping * bending)
+        more = ca.vertcat(more, stiffness / ca.if_else(most > 0, most, 1) * bending)
+    a = equations.acceleration_under(forces)
     dx = ca.vertcat(v_a, a[:n_a], v_m, equations.motor_accelerations(a[:n_a], a[n_a:]), more)
     (dx,) = ca.substitute([dx], [ca.vertcat(y, dy)], [ca.vertcat(q_a, q_m[i_m], v_a, v_m[i_m])])
-    numbers = ca.vertcat(equations.symbols, slip, per_slip)
     force = [] if equations.force is None else [equations.force]
+    numbers = ca.vertcat(equations.symbols, slip, per_slip, law)
     return ca.Function("hysteretic_loop", [state, lag.tau_m, numbers, *force], [ca.densify(ca.cse(dx))])
 
 
@@ -72,16 +111,21 @@ def largest_rate(
     points: Sequence[np.ndarray],
     motion: dict[str, np.ndarray],
     values: np.ndarray,
-    law: GearHysteresis,
+    law: States,
 ) -> float:
-    """Largest size of an eigenvalue right after a reversal at points of a motion, and of the law's own [1/s].
+    """Largest size of an eigenvalue right after a reversal at points of a motion, and of the laws' own [1/s].
 
     ``motion``: all samples of ``v_a``, ``v_m``.
     """
-    model, z = local.model, ca.SX.sym("z", local.model.n_g)
-    B = np.array(ca.DM(ca.jacobian(generalized_force(model, z, ca.SX(ca.DM.zeros(model.n_m))), z)))
+    model, gears, motors = local.model, law.gears, law.motors
+    z, tau = ca.SX.sym("z", model.n_g), ca.SX.sym("tau", model.n_m)
+    at_zero = generalized_force(model, z, ca.SX(ca.DM.zeros(model.n_m)))
+    B, C = (np.array(ca.DM(ca.jacobian(f, x))) for f, x in ((at_zero, z), (motor_force(model, tau), tau)))
     M, D, K, _ = local.matrices(points, values)
-    swings = second_order.largest_rate(M, D, K + B @ np.diag(law.stiffness) @ B.T)
-    rates = np.abs(np.hstack([motion["v_a"], motion["v_m"][:, list(model.i_m)]]) @ B)[:, law.present]
-    slips = rates * (law.stiffness / np.where(law.present, law.slip, np.inf))[law.present]
-    return max(swings, float(slips.max(initial=0.0)))
+    stiff = K + B @ np.diag(gears.stiffness) @ B.T + C @ np.diag(motors.stiffness) @ C.T
+    swings = second_order.largest_rate(M, D + C @ np.diag(motors.damping) @ C.T, stiff)
+    rates = np.abs(np.hstack([motion["v_a"], motion["v_m"][:, list(model.i_m)]]) @ B)[:, gears.present]
+    slips = rates * (gears.stiffness / np.where(gears.present, gears.slip, np.inf))[gears.present]
+    least = np.minimum(motors.coulomb, motors.static)[motors.present]
+    slides = np.abs(motion["v_m"])[:, motors.present] * motors.stiffness[motors.present] / least
+    return max(swings, float(slips.max(initial=0.0)), float(slides.max(initial=0.0)))

@@ -9,6 +9,8 @@ friction    all friction torques (not speeds of friction laws)
 lost_motion of all gears with hysteresis; 0: none
 payload     mass [kg] that is added to the payload, at its center of mass; without one in the model at the tool
 =========== =========================================================================================
+
+Also ``lugre_coulomb``, ``lugre_static``, ``lugre_stiffness`` ... of all motors with the table ``lugre``.
 """
 
 from __future__ import annotations

@@ -23,12 +23,15 @@ import casadi as ca
 import numpy as np
 
 from flexgen.errors import SolverError
+from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors
+from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.tableaus import radau
 
-PARTS, GROWTH, TURN = 64, 2.0, 4.0  # most parts of an interval; parts for each time constant, for each v_s
-FAR, SETTLED = 6.1, 40.0  # speeds over v_s without static friction; time constants after which z is its limit
+PARTS, GROWTH, TURN = 64, 1.0, 2.0  # most parts of an interval; parts for each time constant, for each v_s
+FAR, SETTLED = 5.5, 30.0  # speeds over v_s without static friction; time constants after which z is its limit
+LEAST = 1e-8  # time constants in an interval below which a reversal in it has no effect
 TABLE = radau(3)
 
 
@@ -112,6 +115,13 @@ def bristle_torques(law: MotorBristles, t: np.ndarray, v: np.ndarray, a: np.ndar
     return out
 
 
+def torques_to_send(equations: Equations, q_m: np.ndarray, torques: np.ndarray) -> np.ndarray:
+    """Torques (n, n_m) that motors send at their angles ``q_m`` so that they give ``torques``, with their ripple."""
+    given = equations.function("given_torque")
+    one, none = (evaluate(given, q_m, x)[0].reshape(torques.shape) for x in (np.ones_like(torques), 0 * torques))
+    return np.asarray(torques / (one - none))
+
+
 def _derivative(impulse: np.ndarray, step: float, h: float) -> np.ndarray:
     """Time derivative by central differences of order six; at rest before, and with equal steps after the end."""
     ends = np.full(3, impulse[0]), impulse[-1] + step * np.arange(1, 4)
@@ -126,20 +136,24 @@ def _along(law: MotorBristles, j: int, h: float, v: np.ndarray, a: np.ndarray) -
     cubic = np.stack(
         [v[:-1], h * a[:-1], 3 * np.diff(v) - h * (2 * a[:-1] + a[1:]), h * (a[:-1] + a[1:]) - 2 * np.diff(v)]
     )
-    bounds = _reversals(cubic)  # (4 + 1, n - 1): where the parts of one sign begin and end
+    bounds = _reversals(cubic, LEAST / (h * slope))  # (4 + 1, n - 1): where the parts of one sign begin and end
     turned = [abs(_integral(cubic, bounds[k], bounds[k + 1])) * h * slope for k in range(4)]
     control = np.stack([v[:-1], v[:-1] + h * a[:-1] / 3, v[1:] - h * a[1:] / 3, v[1:]])
     slow, falls = np.maximum(control.min(axis=0), -control.max(axis=0)), law.static[j] > law.coulomb[j]
     near = slow <= FAR * law.stribeck_speed[j]
     quick = np.where(falls, ~near, slow > 0.0)
-    quick &= _since_reversal(np.sum(turned, axis=0), bounds[1] < 1.0) > SETTLED
+    way = _integral(cubic, bounds[0], np.ones_like(slow)) * h * slope
+    settled = (
+        _since_reversal(np.sum(turned, axis=0), np.where(np.abs(way) > LEAST, way, 0.0), bounds[1] < 1.0) > SETTLED
+    )
+    quick &= settled
     limit = np.sign(v[:-1]) * law.coulomb[j] / law.stiffness[j]
     E, F = np.where(quick, 0.0, 1.0), np.where(quick, limit, 0.0)  # z at the end = E z + F, its integral = G z + H
     G, H = np.zeros_like(F), np.where(quick, h * limit, 0.0)
     change = np.where(falls & near, np.ptp(control, axis=0) / law.stribeck_speed[j], 0.0)
     for k in range(4):
         size = bounds[k + 1] - bounds[k]
-        fine = np.maximum(GROWTH * turned[k], TURN * change * size)
+        fine = np.maximum(GROWTH * turned[k] * ((k > 0) | ~settled), TURN * change * size)
         parts = np.where(quick | (size == 0.0), 0, np.clip(np.floor(fine) + 1, 1, PARTS))
         for part in range(int(parts.max(initial=0))):
             at = np.flatnonzero(parts > part)
@@ -180,12 +194,16 @@ def _integral(cubic: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarra
     return until(high) - until(low)
 
 
-def _reversals(cubic: np.ndarray) -> np.ndarray:
-    """0, the instants at which the speed reverses within each interval in order, then 1: (5, n - 1)."""
+def _reversals(cubic: np.ndarray, least: float) -> np.ndarray:
+    """0, the instants at which the speed reverses within each interval in order, then 1: (5, n - 1).
+
+    Changes of the speed below ``least`` count as none: rests are full of them, by rounding.
+    """
     out = np.ones((5, cubic.shape[1]))
     out[0] = 0.0
     control = np.stack([cubic[0], cubic[0] + cubic[1] / 3, cubic[0] + (2 * cubic[1] + cubic[2]) / 3, cubic.sum(axis=0)])
-    for k in np.flatnonzero((control.min(axis=0) < 0.0) & (control.max(axis=0) > 0.0)):
+    low, high = control.min(axis=0), control.max(axis=0)
+    for k in np.flatnonzero((low < 0.0) & (high > 0.0) & (high - low > least)):
         roots = np.roots(np.trim_zeros(cubic[::-1, k], "f"))
         real = np.sort(roots.real[np.abs(roots.imag) <= 1e-9])
         inside = real[(real > 0.0) & (real < 1.0)]
@@ -193,9 +211,12 @@ def _reversals(cubic: np.ndarray) -> np.ndarray:
     return out
 
 
-def _since_reversal(turned: np.ndarray, reverses: np.ndarray) -> np.ndarray:
-    """Time constants from the last reversal to the start of each interval (n - 1,), of those of all intervals."""
-    total = np.concatenate([[0.0], np.cumsum(turned)])
-    last = np.maximum.accumulate(np.where(reverses, np.arange(1, len(total)), 0))
-    before = np.concatenate([[0], last[:-1]])
-    return np.asarray(total[:-1] - total[before])
+def _since_reversal(turned: np.ndarray, way: np.ndarray, reverses: np.ndarray) -> np.ndarray:
+    """Time constants from the last reversal to the start of each interval (n - 1,), of those of all intervals.
+
+    A reversal is in an interval, or between two on a ``way`` of opposite directions; at rest the way is zero.
+    """
+    total, at = np.concatenate([[0.0], np.cumsum(turned)])[:-1], np.arange(len(turned))
+    moved = np.sign(way)[np.maximum.accumulate(np.where(way != 0.0, at, 0))]
+    begins = np.concatenate([[False], (moved[1:] * moved[:-1] < 0.0) | reverses[:-1]])
+    return np.asarray(total - total[np.maximum.accumulate(np.where(begins, at, 0))])

@@ -80,7 +80,8 @@ def refuse_lugre(model: Any, what: str) -> None:
     if names := bristled_motors(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose motor {names[0]} has lugre, expected motors without it, which only "
-            "solve without limits and simulate take into account; remove the table lugre of the motor"
+            "solve without limits, simulate, control, learn, command_positions and generate take into account; remove "
+            "the table lugre"
         )
 
 
@@ -90,8 +91,8 @@ def refuse_hysteresis(model: Any, what: str) -> None:
     if names := hysteretic_joints(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
-            "only solve, simulate, control, generate and identify_gears take into account; remove the table hysteresis "
-            "of the gear from the model file"
+            "only solve, simulate, control, learn, command_positions, generate and identify_gears take into account; "
+            "remove the table hysteresis of the gear from the model file"
         )
 
 

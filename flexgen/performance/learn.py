@@ -44,7 +44,6 @@ from flexgen.loop.reference import motion_reference, time_grid, trajectory_of
 from flexgen.loop.result import ControlRun, output_errors
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import refuse_hysteresis
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.performance.smoother import PathSmoother, acting
@@ -257,7 +256,6 @@ def learn(
     if measured_by not in MEASURED_BY:
         raise ArgumentError(f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}")
     name = "robot"
-    refuse_hysteresis(robot_of(model), "learn")
     channels = _accelerometers(robot_of(model), encoder_noise) if measured_by == ACCELEROMETER else None
     case = control_case(
         model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
@@ -270,7 +268,7 @@ def learn(
     if not (is_number(low) and 0 < low < 0.45 / commanded.period):
         most = 0.45 / commanded.period
         raise ArgumentError(f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz")
-    law, title = controller_of(controller, case.model, sample_time, delay, motion)
+    law, title = controller_of(controller, case.equations.model, sample_time, delay, motion)
     seen = _plain if channels is None else _Smoothed(case, channels, name)
     runs, corrections, best, stopped, shown = _iterate(
         commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, tell
@@ -377,7 +375,7 @@ class _Commanded:
         self.path = Path(self.equations, case.solution.move)
         problem = InversionProblem(self.equations, self.path)
         _, self.period, self.samples_per_interval, self.n_pre, self.n_post = grid(problem, MESH_S)
-        self.library = inversion_library(self.equations, "lq", progress=tell)
+        self.library = inversion_library(Equations(case.model), "lq", memory=True, progress=tell)
         count = int(np.ceil((self.path.duration + EARLY_S + LATE_S) / self.period)) + 1
         self.time = -EARLY_S + self.period * np.arange(count)
         self._reduction = Reduction(self.equations)
@@ -385,7 +383,7 @@ class _Commanded:
         self._y = self._reduction.targets(sample)
         self._rates = sample.derivative(1), sample.derivative(2)
         self._R = sample.R
-        self._local = LocalDynamics(derive(case.model, tuple(p.name for p in case.plants.parameters)))
+        self._local = LocalDynamics(derive(self.equations.model, tuple(p.name for p in case.plants.parameters)))
         first, last = self.time[0] - self.n_pre * self.period, self.time[-1] + self.n_post * self.period
         before = self.sample_s * np.ceil(HOLD_S / self.sample_s)
         self._grid = time_grid(first, last, self.sample_s, before, AFTER_S)

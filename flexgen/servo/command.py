@@ -24,7 +24,6 @@ from flexgen.loop.reference import MotionReference, motion_reference, time_grid
 from flexgen.loop.result import ControlRun
 from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import refuse_hysteresis
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
 from flexgen.servo.inverse import holding_offset, invert_servo
@@ -98,7 +97,6 @@ def command_positions(
     """
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
     own = servo_of(servo, robot_of(model))
-    refuse_hysteresis(robot_of(model), "command_positions")
     _check_period(period, own)
     case = control_case(
         model, move, sample_time=own.sample_time, delay=own.delay, plants=plants, solution=solution,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hysteretic import ARCMIN, hysteretic
+from states_in_c import GEARS, HORIZON, difference, functions_of, inverted, library_of, path_of, stream_errors
 from toolchain import needs_compiler
 
 import flexgen
@@ -17,46 +18,17 @@ from flexgen.inversion.memory import with_hysteresis
 from flexgen.inversion.motor_side import MotorMotion
 from flexgen.inversion.sampling import from_library
 from flexgen.library.generate import generate_parts
-from flexgen.library.model_library import library_with
 from flexgen.mechanics.hysteresis import without_hysteresis
-from flexgen.mechanics.signatures import INVERSION
-from flexgen.runtime.library import Library
-from flexgen.runtime.path_inversion import Inverter
 
 pytestmark = needs_compiler
-GEARS = {"q1": "element.upper.dof.q1.gear", "q2": "element.fore.dof.q2.gear"}
 CUBIC = {"type": "cubic", "stiffness": 1e5, "cubic": 4e10}
 SAME = 1e-9  # relative: second differences of rounded deflections
-HORIZON = 20  # intervals of a stream
-
-
-def functions_of(model: flexgen.RobotModel) -> list[str]:
-    return [name for name in INVERSION if name != "inversion_jacobians" or model.n_e]
-
-
-def library_of(model: flexgen.RobotModel) -> Library:
-    return library_with(model, functions_of(model), ("invert", "stream"))
-
-
-def path_of(model: flexgen.RobotModel, period: float, still: int = 0) -> tuple[Any, list[np.ndarray]]:
-    """A move and samples of its output with two derivatives, between ``still`` ones at rest."""
-    move = flexgen.plan(model)
-    t = np.clip((np.arange(round(move.duration / period) + 1 + 2 * still) - still) * period, 0.0, move.duration)
-    y, dy, ddy = (np.ascontiguousarray(x) for x in move.sample(t).y.transpose(2, 0, 1)[:3])
-    inside = ((t > 0.0) & (t < move.duration))[:, None]
-    return move, [y, dy * inside, ddy * inside]
 
 
 def by_the_stage(model: flexgen.RobotModel, samples: list[np.ndarray], **options: Any) -> MotorMotion:
     """The motors behind the motion of the arm without hysteresis, which the C gives, by the stage in Python."""
     found = library_of(without_hysteresis(model)).invert(*samples, **options)
     return with_hysteresis(flexgen.derive(model), from_library(found)).motors
-
-
-def difference(one: Any, other: Any, leave: int = 8) -> float:
-    """Largest relative difference of the motors' motion and torques, but for the last samples, held differently."""
-    pairs = [(getattr(one, name), getattr(other, name)) for name in ("q_m", "v_m", "tau_m")]
-    return max(float(np.abs(a - b)[:-leave].max() / np.abs(b).max()) for a, b in pairs)
 
 
 def elbow(kind: str) -> flexgen.RobotModel:
@@ -89,17 +61,6 @@ def test_whole_paths_are_those_of_the_stage(kind: str) -> None:
     assert difference(found, by_the_stage(model, samples, **options)) < SAME
 
 
-def inverted(model: flexgen.RobotModel, monkeypatch: pytest.MonkeyPatch) -> tuple[flexgen.Solution, Any, dict]:
-    """The solution with the motors in Python, and how `solve` calls the C for the arm."""
-    calls, own = [], Inverter.__call__
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            Inverter, "__call__", lambda self, *x, **named: (calls.append((x, named)), own(self, *x, **named))[1]
-        )
-        solution = flexgen.solve(model, verify=False, progress=False)
-    return solution, *calls[-1]
-
-
 @pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3_18", marks=pytest.mark.slow)])
 def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The tool by the simulation, which integrates z itself: 0.05 um, of some 400 um without hysteresis."""
@@ -111,23 +72,6 @@ def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(name: str, m
     channels = dict(path.channels) | {key: getattr(found, key)[:n] for key in ("q_m", "v_m", "tau_m")}
     by_c = flexgen.Trajectory(path.time, channels, path.ports, path.labels, path.meta)
     assert flexgen.simulate(model, by_c, feedback="ppi").tool_error_max_m < 5e-8
-
-
-def streamed(library: Library, samples: list[np.ndarray], q_start: np.ndarray, period: float) -> np.ndarray:
-    """Motor torques of a stream at the samples."""
-    y, dy, ddy = samples
-    stream = library.stream(y[0], q_start, period=period, intervals=HORIZON)
-    found = [stream.update(y[k], dy[k], ddy[k]) for k in range(1, len(y))]
-    assert all(each.converged for each in found[HORIZON:])
-    return np.concatenate([each.tau_m for each in found])[HORIZON - 1 :]
-
-
-def stream_errors(model: flexgen.RobotModel, library: Library) -> float:
-    """Largest difference of the torques of a stream to those of the whole path, relative."""
-    move, samples = path_of(model, 1e-3, still=2 * HORIZON)
-    whole = library.invert(*samples, period=1e-3, q_start=move.q_start).tau_m
-    torques = streamed(library, samples, move.q_start, 1e-3)
-    return float(np.abs(torques - whole[: len(torques)]).max() / np.abs(whole).max())
 
 
 @pytest.mark.parametrize("kind", ["undamped", pytest.param("damped", marks=pytest.mark.slow)])

@@ -165,7 +165,7 @@ def test_steps_that_are_too_long_for_the_law_are_an_error(plain: flexgen.Solutio
     right = run_case(case, law, name)
     assert right.status == "done" and right.steps > 3
     wrong = run_case(replace(case, rate=1.0), law, name, steps=1)
-    assert wrong["narrow"].failure == "the sample time is too long for the hysteresis of the gears"
+    assert wrong["narrow"].failure == "the sample time is too long for the states of gears or frictions"
     assert not wrong.nominal.failure
 
 

@@ -181,8 +181,6 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
     model = elbow()
     told = "whose gear of q1 has hysteresis, expected gears without it"
     calls = {
-        "command_positions": lambda: flexgen.command_positions(model, progress=False),
-        "learn": lambda: flexgen.learn(model, progress=False),
         "fastest": lambda: flexgen.fastest(model, progress=False),
         "predict": lambda: flexgen.predict(
             flexgen.read(

@@ -86,6 +86,19 @@ def test_stiff_bristles_are_coulomb_friction() -> None:
     assert_allclose(8e7 * integral, expected, rtol=0, atol=1e-4 * 0.1)
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_reversals_at_samples_and_between_them_are_seen(shift: float) -> None:
+    """Fast sliding in both directions, through a standstill at an instant that is a sample, or is not."""
+    t = np.linspace(0.0, 0.4, 401) + 1e-3 * shift
+    w = 2 * np.pi / 0.4
+    v, a = 300.0 * np.sin(w * t), 300.0 * w * np.cos(w * t)
+    z, _ = stage._along(law(), 0, t[1] - t[0], v, a)
+    fine = np.linspace(t[0], t[-1], 16001)
+    v, a = 300.0 * np.sin(w * fine), 300.0 * w * np.cos(w * fine)
+    expected, _ = stage._along(law(), 0, fine[1] - fine[0], v, a)
+    assert_allclose(z, expected[::40], rtol=0, atol=2e-4 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("static", [0.5, 0.8])
 def test_at_rest_bristles_stay_as_they_are(static: float) -> None:
     """The torque that was reached is held, however long."""
@@ -169,8 +182,6 @@ def test_what_does_not_take_the_friction_refuses_it(tmp_path) -> None:
     model = bristled("elbow", TABLES)
     limits = flexgen.Limits(torque=(1.0,))
     calls = {
-        "command_positions": lambda: flexgen.command_positions(model, progress=False),
-        "learn": lambda: flexgen.learn(model, progress=False),
         "fastest": lambda: flexgen.fastest(model, progress=False),
         "mujoco": lambda: flexgen.export_mujoco(model, tmp_path / "a.xml"),
         "fmu": lambda: flexgen.export_fmu(model, tmp_path / "a.fmu"),
@@ -179,7 +190,6 @@ def test_what_does_not_take_the_friction_refuses_it(tmp_path) -> None:
         "limits": lambda: flexgen.solve(model, limits=limits, method="lq", progress=False),
         "study": lambda: flexgen.feedback_study(model),
         "gears": lambda: flexgen.identify_gears(model, tmp_path / "a.csv"),
-        "control": lambda: flexgen.control(model, progress=False),
     }
     for name, call in calls.items():
         with pytest.raises(ArgumentError, match="whose motor m1 has lugre, expected motors without it"):
@@ -204,3 +214,15 @@ def test_what_does_not_take_the_friction_refuses_it(tmp_path) -> None:
 def test_wrong_numbers_are_refused(given: dict[str, float], told: str) -> None:
     with pytest.raises(ModelError, match=told):
         flexgen.read("elbow", overrides={"motor.m1.lugre": given})
+
+
+def test_a_motor_with_ripple_sends_more_for_the_same_torque() -> None:
+    """The simulation has ripple and bristles from the equations of motion; planted: bristles without the ripple."""
+    model = bristled("elbow", TABLES, **{"motor.m1.torque_ripple": {"harmonics": [6], "cos": [0.05]}})
+    solution = flexgen.solve(model, progress=False)
+    assert solution.status == "solved" and solution.tool_error_max_m < 1e-7
+    path = solution.trajectory
+    ripple = 0.05 * np.cos(6 * path["q_m"]) * [1.0, 0.0]
+    planted = path["tau_m"] + path["tau_b"] - path["tau_b"] / (1 + ripple)
+    wrong = flexgen.Trajectory(path.time, dict(path.channels) | {"tau_m": planted}, path.ports, path.labels, path.meta)
+    assert flexgen.simulate(model, wrong).tool_error_max_m > 1e-6

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from bristled import bristled
 from emitted import ROOT, _folder, run
 from hysteretic import hysteretic
 from toolchain import CC, needs_compiler, tool
@@ -34,8 +35,10 @@ PRIVATE_WORDS = re.compile(
 
 @cache
 def library(name: str, kind: str = "") -> Path:
-    """The sources of a library, with hysteresis or a servo where ``kind`` says so: the fixed ones, renamed."""
+    """The sources of a library, with what ``kind`` says: the fixed ones, renamed."""
     folder, model = _folder() / f"{name}_clib_{kind}", hysteretic(name) if kind == "hysteresis" else read(name)
+    if kind == "lugre":
+        model = bristled(name, {"m1": {"coulomb": 0.5, "stiffness": 800.0}})
     if kind == "servo":
         gains = {x: (1.0,) * model.n_m for x in GAINS}
         model = replace(model, servo=ServoTable("cascade", **gains))
@@ -48,7 +51,14 @@ def library(name: str, kind: str = "") -> Path:
 @needs_compiler
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [("elbow", ""), ("elbow", "hysteresis"), ("elbow", "servo"), ("planar5_nmp", ""), ("planar5_nmp", "servo")],
+    [
+        ("elbow", ""),
+        ("elbow", "hysteresis"),
+        ("elbow", "lugre"),
+        ("elbow", "servo"),
+        ("planar5_nmp", ""),
+        ("planar5_nmp", "servo"),
+    ],
 )
 def test_every_file_compiles_on_its_own(name, kind):
     folder, failed = library(name, kind), []
@@ -57,7 +67,7 @@ def test_every_file_compiles_on_its_own(name, kind):
         if file in MACROS:
             continue
         if not path.exists():  # of models with unactuated coordinates, six motors, gears with hysteresis, a servo
-            assert name == "elbow" or file in ("inverse_kinematics.c", "hysteresis.h", *OF_SERVOS), file
+            assert name == "elbow" or file in ("inverse_kinematics.c", "hysteresis.h", "lugre.h", *OF_SERVOS), file
             assert file != f"{kind}.h" and not (kind == "servo" and file in OF_SERVOS)
             continue
         words = [CC, "-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c", f"-I{folder}"]
