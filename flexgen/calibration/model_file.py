@@ -7,7 +7,6 @@ behind it, and ``link``.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from flexgen.calibration.statics import Numbers, frame_rotation
 from flexgen.calibration.tree import SHIFTS, Tree, rotations
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import Dof, Element, Placement, RobotModel
-from flexgen.spec.toml_text import toml
 
 VARIANT = "calibrated"
 
@@ -112,30 +110,6 @@ def _springs(tree: Tree, element: Element, dof: Dof, numbers: Numbers) -> dict[s
     spring = dof.gear.spring if dof.gear is not None else dof.spring
     stiffness = vars(spring)["stiffness"] * old / new_value  # on the side of the gear to which the key refers
     return {f"{place}.{'gear.' if dof.gear is not None else ''}spring.stiffness": _number(stiffness)}
-
-
-def variant_text(model: RobotModel, changes: dict[str, Any], source: str) -> str:
-    """The text of the model file with the variant ``calibrated``.
-
-    Raises
-    ------
-    ArgumentError
-        The model is not from a ``.toml`` file with ``[[element]]`` tables, is a variant, or has this variant.
-    """
-    file = Path(model.file or "")
-    if model.variant or VARIANT in model.variants or not model.file or file.suffix != ".toml":
-        given = (
-            f"the variant {model.variant!r}"
-            if model.variant
-            else f"the model {model.name} of {model.file or 'no file'}"
-        )
-        raise ArgumentError(
-            f"write: given {given}, expected a model without variant of a .toml file that has no variant {VARIANT!r}; "
-            "the numbers are in the values of the result and in --json"
-        )
-    head = f"[variant.{VARIANT}]\ndescription = {toml(' '.join(source.split())[:300])}\n"
-    rows = "".join(f"{toml(key)} = {toml(value)}\n" for key, value in changes.items())
-    return f"{file.read_text(encoding='utf-8').rstrip()}\n\n{head}\n[variant.{VARIANT}.set]\n{rows}"
 
 
 def _pose(placement: Placement) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexgen.atomic_files import write_text
 from flexgen.calibration.components import Tilt
-from flexgen.calibration.model_file import changes_of, variant_text
+from flexgen.calibration.model_file import VARIANT, changes_of
 from flexgen.calibration.parameters import FRAME, Unknown
 from flexgen.calibration.poses import LARGEST, StaticPoses
 from flexgen.calibration.statics import Numbers, Statics
@@ -22,6 +22,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.results import Result
 from flexgen.spec.arguments import seed_of
+from flexgen.spec.variants import add_variant
 from flexgen.type_checks import checked_result
 
 CANDIDATES = 300  # random poses from which new ones are chosen
@@ -192,7 +193,7 @@ class Calibration(Result):
         return np.asarray(candidates, dtype=float)[chosen]
 
     def write(self, path: str | Path, world: str = "robot") -> Path:
-        """Write the model file with a variant ``calibrated`` that sets the new numbers; the rest stays as it is.
+        """Write the model file with a further variant ``calibrated`` that sets the new numbers; the rest stays.
 
         Parameters
         ----------
@@ -210,12 +211,13 @@ class Calibration(Result):
         Raises
         ------
         ArgumentError
-            The model is not from a ``.toml`` file, or it is a variant of one.
+            The model is not from a ``.toml`` file, or the file has this variant.
         """
         if world not in ("robot", "measurement"):
             raise ArgumentError(f"world: given {world!r}, expected 'robot' or 'measurement'")
         changes = changes_of(self.nominal, self._numbers, self.frame if world == "measurement" else None)
-        text = variant_text(self.nominal, changes, f"{self.poses.source}: {self.sentence}")
+        source = f"{self.poses.source}: {self.sentence}"
+        text = add_variant(self.nominal.file, VARIANT, changes, source, self.nominal.variant)
         target = Path(path)
         if target.suffix != ".toml":
             raise ArgumentError(f"path: given {str(path)!r}, expected a name that ends in .toml")

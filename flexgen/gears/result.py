@@ -13,12 +13,11 @@ import numpy as np
 
 from flexgen.atomic_files import write_text
 from flexgen.display import Figure, figure_rows, plain
-from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.results import Result
 from flexgen.spec.explained_status import ExplainedStatus
-from flexgen.spec.toml_text import toml
+from flexgen.spec.variants import add_variant
 from flexgen.type_checks import checked_result
 
 WEAK = 0.5  # standard deviation over a number, above which the record does not determine it
@@ -160,7 +159,7 @@ class GearFit(Result):
         return read(self.robot.file, self.robot.variant or None, overrides=self.changes)
 
     def save(self, path: str | Path) -> Path:
-        """Write ``.toml``: the model file with the changes as its variant ``identified``; ``.json``: the numbers.
+        """Write ``.toml``: the model file with the changes as a further variant ``identified``; ``.json``: the numbers.
 
         Returns
         -------
@@ -170,22 +169,12 @@ class GearFit(Result):
         Raises
         ------
         ArgumentError
-            The model has no file, or is a variant of one.
+            The model has no ``.toml`` file, or one with this variant.
         """
         if Path(path).suffix != ".toml":
             return super().save(path)
-        file = Path(self.robot.file)
-        if not file.is_file() or file.suffix != ".toml" or self.robot.variant or VARIANT in self.robot.variants:
-            raise ArgumentError(
-                f"path: given {str(path)!r} for {self.robot.title}, expected a model from a .toml file, not a "
-                f"variant, and without a variant {VARIANT!r}; the numbers are in `changes` and in .json"
-            )
-        sets = ", ".join(f"{toml(key)} = {toml(value)}" for key, value in self.changes.items())
-        lines = [
-            f"[variant.{VARIANT}]",
-            f'description = "gears identified from motor angles and torques: {self.status}"',
-        ]
-        text = "\n".join([file.read_text(encoding="utf-8").rstrip(), "", *lines, f"set = {{ {sets} }}", ""])
+        description = f"gears identified from motor angles and torques: {self.status}"
+        text = add_variant(self.robot.file, VARIANT, self.changes, description, self.robot.variant)
         with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
             read(write_text(Path(folder) / "model.toml", text), VARIANT)
         return write_text(Path(path), text)

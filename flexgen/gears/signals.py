@@ -24,7 +24,8 @@ LEAST_HZ, MOST = 5.0, 1 / 20  # of the band; the latter of the sample rate
 LEAST = 6  # lengths of the filter in a record, at least
 TAPS = 12  # length of the filter in periods of the end of the band
 WINDOW = ("kaiser", 9.0)
-WIDE, PER_PERIOD = 3.0, 5  # end of the band of the angles over that of the torques; samples in its period, at least
+WIDE = 1.2  # end of the band of the angles over that of the torques: noise between them would come through hysteresis
+PER_PERIOD = 5  # samples in the period of that end, at least
 EVEN = 1e-6  # largest difference of a step in time from the others, relative
 QUIET = 0.35  # of the sample rate, above which all is noise
 

@@ -76,22 +76,16 @@ def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.full)])
 def test_a_minute_with_noise_gives_the_loop(seed: int) -> None:
-    """Lost motions of planar5_nmp within 2 %."""
     record = with_noise(hysteretic_record("planar5_nmp", 60.0, seed=1 + seed, step=5e-4), NOISE, seed)
     check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
 
 
 @pytest.mark.full
-def test_a_minute_of_six_axes_with_noise_gives_no_false_interval() -> None:
-    """Lost motions of manutec_r3_18: five within 5 %, that of the small sixth axis as uncertain as it is wrong."""
+def test_a_minute_of_six_axes_with_noise_gives_the_loop() -> None:
     record = with_noise(hysteretic_record("manutec_r3_18", 60.0), NOISE)
-    found = flexgen.identify_gears(model_of("manutec_r3_18"), record, progress=False)
-    for number in found.numbers:
-        if number.name.endswith("lost_motion"):
-            assert abs(number.value - ARCMIN) < 4 * number.sd
-            assert number.value == pytest.approx(ARCMIN, rel=CLOSE) or number.name.startswith("q6")
+    check_hysteresis(flexgen.identify_gears(model_of("manutec_r3_18"), record, progress=False))
 
 
 @pytest.mark.slow
