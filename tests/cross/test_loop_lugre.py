@@ -32,6 +32,7 @@ def error_of(run: flexgen.ControlRun, name: str = "nominal") -> float:
     return float(run.distance(run[name])[(time >= 0.0) & (time <= run.reference.end + 0.1 + 1e-9)].max())
 
 
+@pytest.mark.slow
 def test_the_loop_has_the_errors_of_mujoco(plain: flexgen.Solution) -> None:
     """Of torques that lack the friction, without feedback; also where Coulomb and static torque are 20 % larger."""
     pytest.importorskip("mujoco")

@@ -25,7 +25,12 @@ def errors(name: str) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(
-    "name", ["elbow", *(pytest.param(x, marks=pytest.mark.slow) for x in ("planar5_nmp", "manutec_r3_18"))]
+    "name",
+    [
+        "elbow",
+        pytest.param("planar5_nmp", marks=pytest.mark.slow),
+        pytest.param("manutec_r3_18", marks=pytest.mark.full),
+    ],
 )
 def test_mujoco_with_this_friction_follows_the_path(name: str) -> None:
     """Of 118, 838 and 535 um, 0.009, 0.033 and 0.016 um are left where the friction is known."""

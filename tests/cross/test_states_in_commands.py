@@ -49,6 +49,7 @@ def replayed(run: flexgen.ControlRun, law: Law, step: float) -> float:
     return float(np.abs(np.array(arm) - r.q_a[1:]).max())
 
 
+@pytest.mark.slow
 def test_learning_finds_a_lost_motion_that_is_larger() -> None:
     """2.6 um become 0.012 um; the robot in MuJoCo moves as in the loop; one with the nominal lost motion does not."""
     learned = flexgen.learn(hysteretic("elbow"), plant={"lost_motion": 1.3}, iterations=3, progress=False)
@@ -59,6 +60,7 @@ def test_learning_finds_a_lost_motion_that_is_larger() -> None:
     assert replayed(run, gears(1.0, *start), 1e-4) > 1e-5  # planted
 
 
+@pytest.mark.slow
 def test_learning_finds_a_friction_that_is_larger() -> None:
     learned = flexgen.learn(
         bristled("elbow", NUMBERS), plant={"lugre_coulomb": 1.3, "lugre_static": 1.3}, iterations=3, progress=False

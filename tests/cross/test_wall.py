@@ -118,6 +118,7 @@ def test_the_wall_of_the_loop_is_that_of_mujoco() -> None:
     assert np.abs(free.nominal.q_a[last] - q_a).max() > 300 * error  # without the wall
 
 
+@pytest.mark.slow
 def test_a_wrench_measures_the_wall_and_robots_with_hysteresis_touch_it() -> None:
     flange = {"name": "flange", "type": "wrench", "element": "tool", "unit": "N"}
     lossy = {"lost_motion": 1e-9, "stiffness": 1e3}
@@ -159,6 +160,7 @@ def work_of(wall: Any) -> tuple[float, float]:
     return float(work[last] - work[first]), wall.stiffness * deepest**2 / 2
 
 
+@pytest.mark.slow
 def test_the_spring_of_a_wall_gives_back_what_it_takes() -> None:
     stiff = {"stiffness": 3e5}
     kept, stored = work_of(wall_before_the_end(**stiff))

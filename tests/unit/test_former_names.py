@@ -22,7 +22,7 @@ MOST = 8  # parameters of a function; more of them belong into an object of opti
 LARGER = {
     "fit_motion": 10,  # what is free, its bounds and priors, by name as in identify
     "identify": 10,  # the same, and how the errors of the responses are modelled
-    "simulate": 9,  # what drives the robot: a trajectory or a command, its hold, feedback, a start
+    "simulate": 10,  # what drives the robot: a trajectory or a command, its hold, feedback, a start; what it touches
 }
 
 

@@ -391,12 +391,12 @@ static inline real limit_of(const elbow_inversion_limits *limits, int kind, int 
         return limits->torque_max == NULL ? none : limits->torque_max[kind];
     }
     if (kind < OF_DEFLECTION) {
-        const int i = kind - NM, points = limits->torque_speed_points;
+        const int i = kind - NM, count = limits->torque_speed_points;
         const real most = limits->speed_max == NULL ? none : limits->speed_max[i];
         return limits->torque_speed == NULL ?
                    most :
                    fmin_1(
-                       most, limits->torque_speed[((ptrdiff_t)i * points + points - 1) * 2]); /* the end of the curve */
+                       most, limits->torque_speed[((ptrdiff_t)i * count + count - 1) * 2]); /* the end of the curve */
     }
     if (kind < OF_GEAR) {
         return limits->deflection_max == NULL ? none : limits->deflection_max[kind - OF_DEFLECTION];
@@ -461,8 +461,8 @@ static int lay_out_limited(
 {
     const int64_t inner = elbow_invert_work(n, o);
     int64_t at = 0, unknowns;
-    const int points = limits->torque_speed == NULL ? 2 : limits->torque_speed_points;
-    if (inner < 0 || limits->knot_samples < 0 || points < 2 || points > POINTS_MAX) {
+    const int on_curve = limits->torque_speed == NULL ? 2 : limits->torque_speed_points;
+    if (inner < 0 || limits->knot_samples < 0 || on_curve < 2 || on_curve > POINTS_MAX) {
         return 0;
     }
     m->n = n;
