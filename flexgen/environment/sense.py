@@ -64,11 +64,11 @@ def sense(model: str | Path | RobotModel | Equations, motion: Trajectory) -> Tra
 
     Examples
     --------
-    >>> flange = {"name": "flange", "type": "wrench", "element": "tool", "unit": "N"}
-    >>> robot = flexgen.read("manutec_r3_18", overrides={"sensor": [flange]})
-    >>> seen = flexgen.sense(robot, flexgen.solve(robot).trajectory)
-    >>> seen.labels["y_s"][:3], seen["y_s"][0, :3].round(1)  # the weight of 15 kg
-    (('flange.fx', 'flange.fy', 'flange.fz'), array([   0. , -127.4,  -73.6]))
+    >>> joint = {"name": "torque1", "type": "joint_torque", "coordinate": "q1", "unit": "N m"}
+    >>> robot = flexgen.read("planar5_nmp", overrides={"sensor": [joint]})
+    >>> seen = flexgen.sense(robot, flexgen.solve(robot, "line").trajectory)
+    >>> seen.labels["y_s"], f"{seen['y_s'][0, 0]:.0f} N m"  # it holds the arm at rest
+    (('torque1',), '857 N m')
     """
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model

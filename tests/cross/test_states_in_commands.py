@@ -71,6 +71,7 @@ def test_learning_finds_a_friction_that_is_larger() -> None:
     assert replayed(run, bristles(1.0, run["robot"].q_m[0]), 5e-5) > 1e-3  # planted
 
 
+@pytest.mark.slow
 def test_the_first_iteration_knows_what_the_model_has() -> None:
     """Without a difference there is nothing to learn: the inverse of corrected paths has the states too."""
     for model in (hysteretic("elbow"), bristled("elbow", NUMBERS)):

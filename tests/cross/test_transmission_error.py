@@ -40,6 +40,7 @@ def test_mujoco_with_the_sums_follows_the_path(name: str) -> None:
     assert wrong < WRONG * unknown
 
 
+@pytest.mark.slow
 def test_a_robot_without_the_sums_does_not_follow_the_torques_for_them() -> None:
     """The referee tells the two robots apart: it is planted the wrong robot."""
     pytest.importorskip("mujoco")

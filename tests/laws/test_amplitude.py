@@ -151,6 +151,7 @@ def test_a_friction_that_the_model_has_is_not_named_again():
     assert found.differs and not found.changed and found.causes == () and "distortion" in found.sentence
 
 
+@pytest.mark.slow
 def test_the_result_is_printed_and_saved():
     found = identified("planar5_nmp", "hysteresis")
     assert f"amplitude test: {found.amplitude.sentence}" in found.to_text()
