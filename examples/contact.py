@@ -41,7 +41,7 @@ def draw(found: dict[str, flexgen.ControlRun]) -> cv.Figure:
         force = run.nominal.contact
         assert force is not None
         ax.plot(run.reference.time, np.linalg.norm(force, axis=1), color=color, label=name)
-    ax.set(xlabel="time, s", ylabel="force of the wall, N", xlim=(0.3, 1.0))
+    ax.set(xlabel="time, s", ylabel="force of the wall, N", xlim=(0.3, found["P-PI"].reference.time[-1]))
     ax.legend()
     return figure
 
