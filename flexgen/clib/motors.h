@@ -385,9 +385,25 @@ static inline int motors_of(
         }
     }
 #endif /* MODEL_HARMONICS */
+#if MODEL_LOAD
+    real load[NM];
+    for (int j = 0; j < NM; ++j) {
+        load[j] = 0.0;
+        for (int i = 0; i < NG; ++i) {
+            load[j] += eta_inverse[i][j] * tau_g[i];
+        }
+#if MODEL_HARMONICS
+        load[j] *= share[j];
+#endif /* MODEL_HARMONICS */
+    }
+    if (evaluate_loaded_friction(v_m, load, friction, space) != MODEL_OK) {
+        return 0;
+    }
+#else  /* MODEL_LOAD */
     if (evaluate_motor_friction(v_m, friction, space) != MODEL_OK) {
         return 0;
     }
+#endif /* MODEL_LOAD */
     for (int j = 0; j < NM; ++j) {
         real torque = friction[j];
 #if MODEL_HARMONICS

@@ -304,9 +304,28 @@ static inline int motors_of_points(const gear_rows *g, ptrdiff_t at, motor_point
         return 0;
     }
 #endif /* MODEL_HARMONICS */
+#if MODEL_LOAD
+    points load[NM];
+    for (int j = 0; j < NM; ++j) {
+        EACH (l) {
+            lanes carried = splat_v(0.0);
+            for (int i = 0; i < NG; ++i) {
+                carried += eta_inverse[i][j] * load_v(g->tau + i * g->apart + at + l);
+            }
+#if MODEL_HARMONICS
+            carried *= load_v(&share[j][l]);
+#endif /* MODEL_HARMONICS */
+            store_v(&load[j][l], carried);
+        }
+    }
+    if (evaluate_loaded_friction_batch(POINTS, &p->v_m[0][0], &load[0][0], &friction[0][0], space) != MODEL_OK) {
+        return 0;
+    }
+#else  /* MODEL_LOAD */
     if (evaluate_motor_friction_batch(POINTS, &p->v_m[0][0], &friction[0][0], space) != MODEL_OK) {
         return 0;
     }
+#endif /* MODEL_LOAD */
     for (int j = 0; j < NM; ++j) {
         EACH (l) {
             lanes torque = load_v(&friction[j][l]) + rotor_inertia[j] * load_v(&p->a_m[j][l]);

@@ -20,9 +20,9 @@ from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints
+from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints, loaded_motors
 
-# of gears without hysteresis, motors without Fourier sums of their angle and without a friction with a state
+# of gears without hysteresis, motors without Fourier sums of their angle and without friction of state or load
 OF_PLAIN_MOTORS = ("invert_limited", "invert_limited_work", "stream_limits")
 
 _N = "n_pre + n + n_post"
@@ -350,7 +350,7 @@ def offered_c_functions(
     offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
     if position_obstacle(model) is not None:
         offered = [f for f in offered if f.part != POSITION]
-    if hysteretic_joints(model) or has_harmonics(model) or bristled_motors(model):
+    if hysteretic_joints(model) or has_harmonics(model) or bristled_motors(model) or loaded_motors(model):
         offered = [f for f in offered if f.name not in OF_PLAIN_MOTORS]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:

@@ -19,6 +19,7 @@ from flexgen.codegen.constants_header import (
     is_bristled,
     is_harmonic,
     is_hysteretic,
+    is_loaded,
     space_of,
 )
 from flexgen.codegen.interface import LIMITS
@@ -41,7 +42,7 @@ KERNEL = (
     "undefine.h",
 )  # of every library
 _SECTION = re.compile(
-    r"^#if MODEL_(FORCE|HYSTERESIS|HARMONICS|LUGRE|POSITION)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
+    r"^#if MODEL_(FORCE|HYSTERESIS|HARMONICS|LOAD|LUGRE|POSITION)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
     r"^#endif +/\* MODEL_\1 \*/\n",
     re.DOTALL | re.MULTILINE,
 )
@@ -61,15 +62,15 @@ def read_clib() -> dict[str, str]:
 
 def keep_parts(text: str, parts: Collection[str]) -> str:
     """A fixed text with the sections ``#if MODEL_PART`` of these parts, and what is there instead of the others."""
-    return _SECTION.sub(lambda found: found[2] if found[1] in parts else found[3] or "", text)
+    return _SECTION.sub(lambda found: keep_parts(found[2] if found[1] in parts else found[3] or "", parts), text)
 
 
 def render(text: str, name: str, precision: str = "double", parts: Collection[str] = ()) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
-    ``parts``: ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``LUGRE``, ``POSITION`` where it has the parts for forces on
-    the output, for gears with hysteresis, for Fourier sums of motor angles, for frictions with a state, for positions
-    to send, which other libraries do not have.
+    ``parts``: ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``LOAD``, ``LUGRE``, ``POSITION`` where it has the parts for
+    forces on the output, for gears with hysteresis, for Fourier sums of motor angles, for frictions with a load, for
+    those with a state, for positions to send, which other libraries do not have.
     """
     text = keep_parts(text, parts)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
@@ -110,6 +111,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         "FORCE": spec.force,
         "HYSTERESIS": is_hysteretic(spec),
         "HARMONICS": is_harmonic(spec),
+        "LOAD": is_loaded(spec),
         "LUGRE": is_bristled(spec),
         "POSITION": has_positions(spec),
     }

@@ -22,6 +22,11 @@ def is_harmonic(spec: LibrarySpec) -> bool:
     return any(f.name == "motor_harmonics" for f in spec.functions)
 
 
+def is_loaded(spec: LibrarySpec) -> bool:
+    """Whether the library inverts a model some of whose motors have a friction that depends on the torque of a gear."""
+    return any(f.name == "loaded_friction" for f in spec.functions)
+
+
 def is_bristled(spec: LibrarySpec) -> bool:
     """Whether the library inverts a model some of whose motors have a friction with a state."""
     return spec.motor_constants is not None and any(spec.motor_constants.lugre.get("coulomb", ()))

@@ -39,10 +39,11 @@ NEWER = (
     "Tool.acceleration_max",
     "Program.laws",
     "RobotModel.servo",
+    "RobotModel.temperature",
     "Sensor.moment_noise",
     "Sensor.gauge",
     "Sensor.offset",
-)  # left out where empty: digests from before there were these fields stay
+)  # left out where empty or of the default: digests from before there were these fields stay
 
 
 def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:
@@ -53,7 +54,9 @@ def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:
         inner = (
             f"{f.name}={_canonical(getattr(value, f.name))}"
             for f in fields(value)
-            if f.compare and f.name not in without and not (f.name in newer and getattr(value, f.name) in (None, ()))
+            if f.compare
+            and f.name not in without
+            and not (f.name in newer and getattr(value, f.name) in (None, (), f.default))
         )
         return f"{kind}({', '.join(inner)})"
     if isinstance(value, tuple | list):

@@ -34,7 +34,7 @@ from flexgen.mechanics.signatures import (
     split_product,
 )
 from flexgen.model.elements import RobotModel
-from flexgen.model.parts import KINDS
+from flexgen.spec.parts import KINDS
 from flexgen.spec.ports import Port, c_name_problem, identifier_problem
 
 if TYPE_CHECKING:

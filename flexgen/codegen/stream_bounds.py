@@ -119,7 +119,9 @@ def stream_operations(
     n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
     kinematics = _kinematics(sizes, operations["output_constraint"], block)
     rows = block * operations["inversion_rows"]
-    gear, friction = operations["gear_law"] + 16 * n_g, operations["motor_friction"]
+    gear, friction = operations["gear_law"] + 16 * n_g, operations.get("motor_friction", 0)
+    if "loaded_friction" in operations:
+        friction = operations["loaded_friction"] + n_m * (2 * n_g + 1)
     path = 600 + 40 * (n_t + 2 * n_y)  # one instant of the path, interpolated, its small rotations included
     motors = gear + friction + n_g * (8 * n_m + 60) + 8 * n_m
     if "motor_harmonics" in operations:

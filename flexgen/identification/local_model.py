@@ -27,13 +27,13 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from flexgen.analysis.mean_friction import is_linear, mean_viscous_change, normal_nodes
 from flexgen.analysis.second_order import motor_rows
 from flexgen.errors import SolverError
 from flexgen.identification.outputs import OutputRows
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.force_laws import spring_torque
 from flexgen.mechanics.lagrangian import gears
-from flexgen.mechanics.mean_friction import is_linear, mean_viscous_change, normal_nodes
 from flexgen.model.elements import LinearSpring, RobotModel, Spring
 from flexgen.numerics.evaluate import Evaluator, evaluate
 

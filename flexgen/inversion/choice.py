@@ -62,7 +62,7 @@ def check_applies(method: Method, robot: RobotModel, limits: Limits | None, push
         able = ", ".join(m.name for m in methods().values() if m.takes_force)
         what = "limits" if method.takes_force else f"method {method.name!r} (not one of {able})"
         refuse_hysteresis(robot, what)
-        refuse_harmonics(robot, what)
+        refuse_harmonics(robot, what, load=limits is not None)
     if limits is not None and not method.keeps_limits:
         able = ", ".join(m.name for m in methods().values() if m.keeps_limits)
         raise ArgumentError(

@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
-from flexgen.mechanics.motor_harmonics import motor_stage
+from flexgen.mechanics.motor_harmonics import carried_along, friction_along, motor_stage
 from flexgen.mechanics.statics import gear_damping, gear_deflection
 from flexgen.model.elements import LinearSpring
 from flexgen.numerics.evaluate import evaluate
@@ -62,7 +62,7 @@ def motors_behind(equations: Equations, theta: Sequence[np.ndarray], tau_g: np.n
     """Motors behind gears, whose angles over the ratios and two derivatives are ``theta`` (3, n, n_g)."""
     model = equations.model
     found = motor_stage(equations.function, model, theta, tau_g)
-    friction = evaluate(equations.function("motor_friction"), found.v_m)[0].reshape(found.v_m.shape)
+    friction = friction_along(equations.function, model, found.v_m, found.carried)
     inertia = np.array([motor.inertia for motor in model.motors])
     tau_m = (inertia * found.a_m + friction + found.carried - found.cogging) / found.gain
     return MotorMotion(found.q_m, found.v_m, found.a_m, tau_m)
@@ -114,7 +114,8 @@ def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarr
     """
     elastic_torque = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
     rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[0].reshape(len(q), -1)
-    friction = evaluate(equations.function("motor_friction"), motors.v_m)[0].reshape(len(q), -1)
+    carried = carried_along(equations.model, motors.q_m, elastic_torque)
+    friction = friction_along(equations.function, equations.model, motors.v_m, carried)
     given = evaluate(equations.function("given_torque"), motors.q_m, motors.tau_m)[0].reshape(len(q), -1)
     through = (given - rotor - friction) @ equations.model.eta
     rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])

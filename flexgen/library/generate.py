@@ -366,7 +366,7 @@ def _content_digest(request: _Request) -> str:
     choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate, request.per_point]
     choices += [list(request.parts), *([] if request.solvers is None else [list(request.solvers)])]
     root = Path(__file__).resolve().parent.parent
-    alone = ("spec/ports.py", "runtime/identity.py", "model/elements.py", "model/friction.py")
+    alone = ("spec/ports.py", "runtime/identity.py", "model/elements.py", "model/friction.py", "spec/parts.py")
     sources = [*(root / path for path in alone), *added_sources(request.model.frictions)]
     for folder in ("analysis", "codegen", "expressions", "library", "mechanics", "numerics", "recursion"):
         sources += sorted(path for path in (root / folder).iterdir() if path.suffix == ".py")

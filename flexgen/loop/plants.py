@@ -36,7 +36,7 @@ NOMINAL = "nominal"
 KINDS = ("stiffness", "damping", "friction", "lost_motion", "payload")
 LARGEST_FACTOR, LARGEST_LOAD = 100.0, 1e5  # kg
 NEWTON_STEPS, CLOSE = 50, 1e-12
-FORCES = ("N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "N m/rad^3", "N/m^3")
+FORCES = ("N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "N m/rad^3", "N/m^3", "N m/N m", "N m/K")
 
 
 @dataclass(frozen=True)

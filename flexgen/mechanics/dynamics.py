@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import casadi as ca
 
+from flexgen.errors import ArgumentError
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.motor_harmonics import given_torques, motors_of_gears
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
+from flexgen.model.friction import loaded_motors
 
 STATE = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
 MOTION = ["q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m"]
@@ -127,9 +129,18 @@ def elastic_torque(system: System) -> Built:
 
 def motor_friction(system: System) -> Built:
     """Friction torques of the motors."""
-    v_m = system.lagrangian.v_m
-    friction = [friction_torque(motor.friction, v_m[j]) for j, motor in enumerate(system.with_symbols.motors)]
+    v_m, model = system.lagrangian.v_m, system.with_symbols
+    if loaded := loaded_motors(system.model):
+        raise ArgumentError(f"motor_friction: that of motor {loaded[0]} depends on its load; use loaded_friction")
+    friction = [friction_torque(m.friction, v_m[j], None, model.temperature) for j, m in enumerate(model.motors)]
     return [v_m], ["v_m"], [ca.vertcat(*friction)], ["f_m"]
+
+
+def loaded_friction(system: System) -> Built:
+    """Friction torques of the motors, of which some depend on the torques of the gears."""
+    v_m, model, tau_l = system.lagrangian.v_m, system.with_symbols, ca.SX.sym("tau_l", system.model.n_m)
+    friction = [friction_torque(m.friction, v_m[j], tau_l[j], model.temperature) for j, m in enumerate(model.motors)]
+    return [v_m, tau_l], ["v_m", "tau_l"], [ca.vertcat(*friction)], ["f_m"]
 
 
 def motor_harmonics(system: System) -> Built:
@@ -252,6 +263,7 @@ BUILDERS: dict[str, Builder] = {
     "arm_forward_dynamics": arm_forward_dynamics,
     "arm_forces": arm_forces,
     "motor_friction": motor_friction,
+    "loaded_friction": loaded_friction,
     "motor_harmonics": motor_harmonics,
     "given_torque": given_torque,
     "rotor_torque": rotor_torque,

@@ -76,7 +76,9 @@ def flexible_joint_torque(system: System) -> Built:
     turning = ca.mtimes(ca.SX(ca.DM(model.eta)), lag.a_a + (second - dk * rate * rate) / k)
     carried = ca.mtimes(ca.SX(ca.DM(np.linalg.inv(model.eta).T)), T)
     tau = [
-        motor.inertia * turning[i] + friction_torque(motor.friction, lag.v_m[i]) + carried[i]
+        motor.inertia * turning[i]
+        + friction_torque(motor.friction, lag.v_m[i], carried[i], model.temperature)
+        + carried[i]
         for i, motor in enumerate(model.motors)
     ]
     inputs = [chain.q_a, chain.v_a, lag.a_a, j, s, lag.q_m, lag.v_m]

@@ -16,6 +16,7 @@ from flexgen.model.elements import (
     SmoothSpring,
     Spring,
 )
+from flexgen.spec.parts import GearFriction
 
 
 def spring_torque(spring: Spring, d: ca.SX) -> ca.SX:
@@ -68,12 +69,17 @@ def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
     return ca.if_else(ca.fabs(d) <= at, inside, at_break + torque_at_break * beyond + high * beyond**2 / 2)
 
 
-def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
+def friction_torque(
+    friction: Friction, w: ca.SX, load: ca.SX | None = None, temperature: float | ca.SX | None = None
+) -> ca.SX:
     """Friction torque [N m or N] at the velocity ``w`` [rad/s or m/s]; it acts against the motion.
 
     The formula is that of the class of ``friction`` in `FRICTION_TORQUES`, or the method ``torque`` of a law of
-    another package, see `flexgen.model.friction`.
+    another package, see `flexgen.model.friction`. A `GearFriction` also depends on the torque of the gear on the motor
+    side, ``load`` [N m], where it is loaded, and on the ``temperature`` [deg C]; ArgumentError without them.
     """
+    if isinstance(friction, GearFriction):
+        return _gear_friction(friction, w, load, temperature)
     if type(friction) in FRICTION_TORQUES:
         return FRICTION_TORQUES[type(friction)](friction, w)
     if not hasattr(friction, "torque"):
@@ -86,11 +92,40 @@ def _smooth_friction(friction: Friction, w: ca.SX) -> ca.SX:
     if _there(friction.coulomb) or _there(friction.stribeck):
         level = friction.coulomb
         if _there(friction.stribeck):
-            # 1/cosh written so that neither it nor its derivative overflows at high speed
-            fade = ca.exp(-ca.fabs(friction.alpha * w))
-            level = level + friction.stribeck * (2 * fade / (1 + fade * fade))
+            level = level + friction.stribeck * _fade(friction.alpha * w)
         torque = torque + level * ca.tanh(friction.beta * w)
     return torque + friction.offset
+
+
+def _gear_friction(law: GearFriction, w: ca.SX, load: ca.SX | None, temperature: float | ca.SX | None) -> ca.SX:
+    if temperature is None or (law.loaded and load is None):
+        missing = "the temperature" if temperature is None else "the torque of the gear"
+        raise ArgumentError(f'friction: given type = "gear" without {missing}, on which it depends')
+    warmer = temperature + law.temperature_rise - law.reference_temperature
+    viscous, stribeck, alpha, level = law.viscous, law.stribeck, law.alpha, law.coulomb
+    if _there(law.viscous_share):
+        viscous = viscous * (1 - law.viscous_share + law.viscous_share * ca.exp(-warmer / ca.SX(law.viscous_decay)))
+    if _there(law.stribeck_slope):
+        stribeck = ca.fmax(0, stribeck + law.stribeck_slope * ca.SX(warmer))
+    if _there(law.stribeck_speed_slope):
+        alpha = alpha / ca.fmax(0.01, 1 + alpha * law.stribeck_speed_slope * ca.SX(warmer))
+    if _there(stribeck):
+        level = level + stribeck * _fade(alpha * w)
+    if law.loaded:
+        assert load is not None  # (refused above)
+        size = load * load / (ca.sqrt(load * load + law.load_smoothing**2) + law.load_smoothing)
+        level = level + law.load_coulomb * size
+        if _there(law.load_stribeck):
+            level = level + law.load_stribeck * size * _fade(law.load_alpha * w)
+    elif _there(law.load_coulomb) or _there(law.load_stribeck):
+        raise ArgumentError("load_coulomb, load_stribeck: given parameters, expected load_smoothing > 0 in the model")
+    return viscous * w + level * ca.tanh(law.beta * w) + law.offset
+
+
+def _fade(x: ca.SX) -> ca.SX:
+    """``1/cosh(x)``, written so that neither it nor its derivative overflows."""
+    fade = ca.exp(-ca.fabs(x))
+    return 2 * fade / (1 + fade * fade)
 
 
 # Class of a friction law in `flexgen.model.elements` -> its torque.

@@ -109,7 +109,10 @@ def lagrangian(model: RobotModel, force: ca.SX | None = None) -> Lagrangian:
         power = ca.dot(force, ca.vertcat(*(ca.mtimes(chain.tool.R, x) for x in (chain.tool.v, chain.tool.w))))
         arm_forces, lost = arm_forces + ca.gradient(power, v_a), lost - power
     force = ca.SX(arm_forces)
-    friction_m = ca.vertcat(*[friction_torque(m.friction, v_m_all[j]) for j, m in enumerate(model.motors)])
+    warm = model.temperature
+    friction_m = ca.vertcat(
+        *[friction_torque(m.friction, v_m_all[j], tau_gm[j], warm) for j, m in enumerate(model.motors)]
+    )
     lost = lost + ca.dot(friction_m, v_m_all)
     given, cogging, cogged = given_torques(model, q_m_all, tau_m)
     force_m = given + cogging - friction_m

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import has_harmonics
+from flexgen.model.friction import has_harmonics, loaded_motors
 from flexgen.numerics.evaluate import evaluate
 from flexgen.spec.fourier import STEEPEST, FourierSum
 
@@ -184,3 +184,12 @@ def motor_stage(
     found = evaluate(function("motor_harmonics"), w, dw, ddw)
     q_m, v_m, a_m, share, cogging, gain = (x.reshape(carried.shape) for x in found)
     return MotorStage(q_m, v_m, a_m, share * carried, cogging, gain)
+
+
+def friction_along(
+    function: Callable[[str], ca.Function], model: RobotModel, v_m: np.ndarray, carried: np.ndarray
+) -> np.ndarray:
+    """Friction torques of the motors (n, n_m) at their speeds and the torques of the gears on the motor side."""
+    if loaded_motors(model):
+        return evaluate(function("loaded_friction"), v_m, carried)[0].reshape(v_m.shape)
+    return evaluate(function("motor_friction"), v_m)[0].reshape(v_m.shape)

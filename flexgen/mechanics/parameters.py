@@ -9,6 +9,7 @@ damping              of every gear and spring: ``<coordinate>.damping``
 friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb`` ..., ``<coordinate>.viscous`` ...
 payload.mass, ...    a single number, or all of one kind of one part: ``q2.stiffness``, ``m1.friction``
 m1.viscous, ...      a single number of a friction law, also one that is zero in the file
+temperature          of the robot, where motors have friction of the type "gear"; only by its own name
 m1.inertia           inertia of a rotor; only by its own name
 m1.cogging_cos_6 ..  a coefficient of a Fourier sum of a motor angle; only by its own name; of a joint ``q1``:
                      ``q1.transmission_error_sin_2``; also ``m1.torque_ripple_cos_6``
@@ -32,6 +33,7 @@ from flexgen.errors import ArgumentError
 from flexgen.model.elements import Body, Dof, Friction, Gear, Motor, RobotModel, Spring
 from flexgen.model.friction import refuse_hysteresis
 from flexgen.spec.fourier import FourierSum
+from flexgen.spec.parts import GearFriction
 
 _SPRING_UNITS = {
     "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
@@ -143,8 +145,10 @@ def _walk(model: RobotModel, visit: Visit) -> RobotModel:
         )
         for element in model.elements
     )
-    motors = tuple(_motor(motor, visit) for motor in model.motors)
-    return replace(model, elements=elements, motors=motors, payload=_payload(model.payload, visit))
+    motors, warm = tuple(_motor(motor, visit) for motor in model.motors), model.temperature
+    if any(isinstance(motor.friction, GearFriction) for motor in model.motors):
+        warm = visit(Parameter("temperature", warm, "deg C", "motors and gears", "temperature"), "temperature")
+    return replace(model, elements=elements, motors=motors, payload=_payload(model.payload, visit), temperature=warm)
 
 
 def _body(body: Body, name: str, visit: Visit) -> Body:
@@ -283,7 +287,7 @@ def _friction(friction: Friction, name: str, part: str, units: Units, key: str, 
                     f"friction of {part}",
                     f"{key}.friction.{field.name}",
                 ),
-                *(("friction", f"{name}.friction") if value != 0.0 else ()),
+                *(("friction", f"{name}.friction") if value != field.default else ()),
             )
             for field in fields(friction)
             for value in (getattr(friction, field.name),)

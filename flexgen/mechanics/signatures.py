@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints
+from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints, loaded_motors
 
 if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
@@ -154,6 +154,13 @@ _FUNCTIONS = (
         "q_m v_m a_m gear_share tau_c gain_m",
     ),
     Row(
+        "loaded_friction",
+        "Friction torques of the motors where some depend on the torques of the gears; instead of motor_friction.",
+        "f_m = f(v_m, tau_l)",
+        "v_m tau_l",
+        "f_m",
+    ),
+    Row(
         "output_constraint",
         "How far the output is from a target, and the map W from speeds to rates of the output.",
         "y_err = y(q_a) - target,  dy/dt = W(q_a) v_a,  d2y/dt2 = W a_a + Wdot_v",
@@ -295,7 +302,7 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
 FUNCTIONS = tuple(row.name for row in TABLE if not row.optional)
 OPTIONAL = tuple(row.name for row in TABLE if row.optional)
 INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]  # of models whose output determines the motors' motion
-INVERTING = (*INVERSION, "motor_harmonics")  # the same, and of models with Fourier sums of motor angles
+INVERTING = (*INVERSION, "motor_harmonics", "loaded_friction")  # the same, and of the models that have them
 GEARED = ("forward_dynamics", "forward_dynamics_tool_force", "linearize")  # with the springs of the gears
 FLEXIBLE_JOINT = ("flexible_joint_motion", "flexible_joint_torque")  # of arms with elastic joints
 
@@ -353,6 +360,7 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "tau_p": (("n_g",), "{tau}", "torques of the gears' springs, arm side"),
     "dtau_p": (("n_g",), "mixed", "unit of the torque per unit of the coordinate"),
     "f_m": (("n_m",), "N m", "friction torques, motor side"),
+    "tau_l": (("n_m",), "N m", "torques of the gears, motor side"),
     "w_m": (("n_m",), "rad", "motor angles behind gears without transmission error, eta (q_g + deflection)"),
     "dw_m": (("n_m",), "rad/s", "time derivative of w_m"),
     "ddw_m": (("n_m",), "rad/s^2", "time derivative of dw_m"),
@@ -420,6 +428,10 @@ def function_obstacles(model: RobotModel) -> dict[str, str | None]:
     if motors := bristled_motors(model):
         reason = f"motor {motors[0]} has lugre, a friction that depends on the motion before"
         obstacles |= dict.fromkeys((*FLEXIBLE_JOINT, *GEARED), reason)
+    if loaded := loaded_motors(model):
+        obstacles["motor_friction"] = f"friction of motor {loaded[0]} depends on its load; it is loaded_friction"
+    else:
+        obstacles["loaded_friction"] = f"model {model.name} has no friction that depends on the load"
     if not has_harmonics(model):
         obstacles["motor_harmonics"] = f"model {model.name} has no transmission error, cogging or torque ripple"
     if not model.i_e:

@@ -15,7 +15,7 @@ from flexgen.display import short_repr
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
-from flexgen.mechanics.motor_harmonics import motor_stage
+from flexgen.mechanics.motor_harmonics import friction_along, motor_stage
 from flexgen.numerics.evaluate import evaluate
 from flexgen.results import Result
 from flexgen.type_checks import checked_result
@@ -113,7 +113,7 @@ def equilibrium_at(equations: Equations, q_a: np.ndarray) -> Equilibrium:
     theta = q_a[list(model.i_g)] + gear_deflection(equations, tau_g[None])[0]
     still = np.zeros((1, model.n_g))
     found = motor_stage(equations.function, model, [theta[None], still, still], tau_g[None])
-    friction = evaluate(equations.function("motor_friction"), np.zeros(model.n_m))[0][0]
+    friction = friction_along(equations.function, model, np.zeros((1, model.n_m)), found.carried)[0]
     tau_m = (found.carried + friction - found.cogging) / found.gain
     return Equilibrium(q_a, found.q_m[0], tau_m[0], tau_g)
 

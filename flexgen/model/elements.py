@@ -21,11 +21,11 @@ from flexgen.model.friction import NO_FRICTION, Friction
 from flexgen.model.friction import friction_key as friction_key
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
-from flexgen.model.parts import Beam as Beam
-from flexgen.model.parts import Bending as Bending
-from flexgen.model.parts import Tolerances
 from flexgen.sensors import Sensor
 from flexgen.spec.fourier import FourierSum
+from flexgen.spec.parts import Beam as Beam
+from flexgen.spec.parts import Bending as Bending
+from flexgen.spec.parts import Tolerances
 from flexgen.type_checks import checked_result, checked_types
 
 if TYPE_CHECKING:
@@ -308,6 +308,7 @@ class RobotModel:
     sensors: tuple[Sensor, ...] = ()
     uncertainty: Tolerances | None = None
     servo: Any = None  # ServoTable of flexgen.position_servo.keys
+    temperature: Any = 20.0  # [deg C], a number; a symbol where it is a run-time parameter
 
     def __post_init__(self) -> None:
         """Refuse names that files, C, XML and pages are not made for; those of moves are checked by themselves."""
@@ -365,10 +366,8 @@ class RobotModel:
         return f"{self.name}@{self.variant}" if self.variant else self.name
 
     def _size_text(self) -> str:
-        return (
-            f"{self.n_m} motors, {self.n_g} actuated and {self.n_e} non-actuated coordinates, {self.dof} degrees of "
-            "freedom"
-        )
+        counts = f"{self.n_m} motors, {self.n_g} actuated and {self.n_e} non-actuated coordinates"
+        return f"{counts}, {self.dof} degrees of freedom"
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:

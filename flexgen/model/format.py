@@ -11,7 +11,6 @@ from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placeme
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
 from flexgen.model.format_programs import PROGRAM
 from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
-from flexgen.model.parts import KINDS, Tolerances
 from flexgen.registry import import_object
 from flexgen.spec.keys import (
     Context,
@@ -33,6 +32,7 @@ from flexgen.spec.keys import (
     whole,
     words,
 )
+from flexgen.spec.parts import KINDS, Tolerances
 from flexgen.spec.ports import c_name_problem, identifier_problem
 from flexgen.spec.schema import table_schema
 from flexgen.spec.tables import IDENTIFIER, Table
@@ -172,6 +172,7 @@ UNCERTAINTY = Format(
 _FLANGE = "pose of the tool frame, from the tip of the element that carries it"
 _COMPLETE = "complete: rotors also turn with the bodies that carry them"
 _LOAD = "load, in the frame of the tip of the element that carries the tool; com: by default at the tool"
+_WARM = 'temperature of motors and gears, on which friction of type = "gear" depends'
 _SENSORS = "sensors in addition to the motor encoders"
 MODEL = Format(
     "robot model of flexgen",  # keys in the order of reading
@@ -184,6 +185,7 @@ MODEL = Format(
         Key("source", text(), "where the numbers come from", default=""),
         Key("gravity", vector(3), "gravity, world axes", "m/s^2", note="m/s^2, world axes"),
         Key("base", sub(robot.PLACEMENT), "pose of the base in the world", default=Placement()),
+        Key("temperature", number(least=-100.0, most=300.0), _WARM, "deg C", 20.0),
         Key("motor", listed(MOTOR), "motors, as many as actuated coordinates", check=check_motors),
         Key("payload", sub(robot.BODY), _LOAD, default=lambda table, here: Body(com=here.values["tool"].position)),
         Key("output", sub(OUTPUT), OUTPUT.doc, note="the output that a reference prescribes"),

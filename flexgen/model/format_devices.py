@@ -28,6 +28,7 @@ from flexgen.spec.keys import (
     vector,
     words,
 )
+from flexgen.spec.parts import GearFriction
 from flexgen.spec.tables import LARGEST, Table, closest
 
 MOST = 64  # sensors
@@ -124,7 +125,7 @@ MOTOR = Format(
             "gear ratio, motor speed / joint speed, one for each driven joint; of a translation",
             "rad/m",
         ),
-        replace(FRICTION, doc="friction on the motor side"),
+        replace(FRICTION, doc="friction on the motor side", check=None),
         Key("axis", direction(), "axis of the rotor in the frame of its carrier (complete coupling)", default=None),
         Key(
             "carrier",
@@ -171,6 +172,12 @@ def check_motors(table: Table, here: Context) -> None:
             raise place.fail("gear", 'side = "arm"', given)
         if gear.transmission_error is not None:
             _check_error(place, gear, joint, drivers)
+    for motor in found:
+        behind = [gears[joint] for joint in motor.drives if joint in gears]
+        untold = any(gear.rigid or gear.hysteresis is not None for gear in behind)
+        if untold and isinstance(motor.friction, GearFriction) and motor.friction.loaded:
+            expected = "no load_coulomb, load_stribeck or load_smoothing: its gear is rigid or has hysteresis"
+            raise here.names["motor"][motor.name].fail("friction", expected, "friction that depends on the gear torque")
     if len(found) != len(gears):
         expected = f"as many motors as actuated degrees of freedom, {len(gears)}"
         raise table.fail("motor", expected, f"{len(found)} motors")

@@ -47,6 +47,7 @@ from flexgen.spec.keys import (
     sub,
     vector,
 )
+from flexgen.spec.parts import GearFriction
 from flexgen.spec.tables import Table
 
 HARMONICS = 6  # of a counterbalance
@@ -187,8 +188,9 @@ BODY = Format(
 
 
 def _either(unit: str) -> str:
-    """A unit of a rotation, and that of a translation."""
-    return f"{unit} or {unit.replace('N m', 'N').replace('rad', 'm')}"
+    """A unit of a rotation, and that of a translation where it is another one."""
+    linear = unit.replace("N m", "N").replace("rad", "m")
+    return unit if linear == unit else f"{unit} or {linear}"
 
 
 DAMPING = Key("damping", number(least=0.0), "damping in parallel with the spring", _either("N m s/rad"), 0.0)
@@ -235,10 +237,10 @@ def _law(law: type[Friction]) -> Format:
     rows = []
     for one in dataclasses.fields(law):
         about = one.metadata
-        kind = number(least=None if about["signed"] else 0.0)
-        rows.append(Key(one.name, kind, about["doc"], _either(about["unit"]), 0.0))
+        kind = number(least=None if about["signed"] else 0.0, most=about["most"])
+        rows.append(Key(one.name, kind, about["doc"], _either(about["unit"]), one.default))
     rows[-1] = replace(rows[-1], check=partial(_check_law, law))
-    return Format("friction torque against the speed", tuple(rows), law)
+    return Format(law.about, tuple(rows), law)
 
 
 class _Laws(Mapping[str, Format]):
@@ -354,7 +356,12 @@ def limits(kind: Type, unit: str) -> tuple[Key, Key]:
     return Key("lower", kind, "lower limit", unit, None), Key("upper", kind, "upper limit", unit, None)
 
 
-FRICTION = Key("friction", sub(friction), "friction on the arm side", default=NO_FRICTION)
+def _check_arm_friction(table: Table, here: Context) -> None:
+    if isinstance(here.values["friction"], GearFriction):
+        raise table.fail("friction", 'another type of friction: type = "gear" is of motors', '"gear"')
+
+
+FRICTION = Key("friction", sub(friction), "friction on the arm side", default=NO_FRICTION, check=_check_arm_friction)
 RATES = (
     Key("speed_max", number(above=0.0), "limit of the speed", "rad/s or m/s", None),
     Key("acceleration_max", number(above=0.0), "limit of the acceleration", "rad/s^2 or m/s^2", None),

@@ -7,46 +7,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from flexgen.errors import ArgumentError
 from flexgen.registry import extension
-
-
-def friction_key(unit: str, doc: str = "", *, signed: bool = False, needs: str = "") -> Any:
-    """A number of a friction law, which is also a key of the model file, 0 by default.
-
-    ``unit`` is that of a rotation; ``[]`` in the text is replaced by it. A number that is not ``signed`` must be >= 0.
-    ``needs`` names another number that must be > 0 where this one is not 0.
-    """
-    return field(default=0.0, metadata={"unit": unit, "doc": doc, "signed": signed, "needs": needs})
-
-
-@dataclass(frozen=True)
-class Friction:
-    """The default friction law, ``type = "smooth"``: torque against the speed w.
-
-    ``f(w) = viscous w + (coulomb + stribeck / cosh(alpha w)) tanh(beta w) + offset``. The offset makes it asymmetric.
-    The base of all friction laws.
-    """
-
-    viscous: float = friction_key("N m s/rad", "viscous friction")
-    coulomb: float = friction_key("N m", "Coulomb friction [], smoothed by tanh(beta speed)", needs="beta")
-    stribeck: float = friction_key(
-        "N m", "Stribeck friction at low speed []: stribeck / cosh(alpha speed)", needs="beta alpha"
-    )
-    alpha: float = friction_key("s/rad", "decay of the Stribeck friction with the speed")
-    beta: float = friction_key("s/rad", "steepness of the Coulomb friction at zero speed")
-    offset: float = friction_key("N m", "constant torque against positive motion", signed=True)
-
+from flexgen.spec.parts import Friction as Friction
+from flexgen.spec.parts import GearFriction as GearFriction
+from flexgen.spec.parts import friction_key as friction_key
 
 NO_FRICTION = Friction()
 
 # Value of the key ``type`` in the model file -> law. A new law is a subclass of Friction with its own numbers, one
 # entry here, and its torque in `flexgen.mechanics.force_laws`; the first entry is the default.
-FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction}
+FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction, "gear": GearFriction}
 
 
 def friction_law(name: str) -> type[Friction]:
@@ -73,6 +47,23 @@ def hysteretic_joints(model: Any) -> list[str]:
 def bristled_motors(model: Any) -> list[str]:
     """Names of the motors of a `RobotModel` whose friction has a state, the table ``lugre``."""
     return [motor.name for motor in model.motors if motor.lugre is not None]
+
+
+def loaded_motors(model: Any) -> list[str]:
+    """Names of the motors of a `RobotModel` whose friction depends on the torques of their gears."""
+    laws = ((motor.name, motor.friction) for motor in model.motors)
+    return [name for name, law in laws if isinstance(law, GearFriction) and law.loaded]
+
+
+def refuse_load(model: Any, what: str) -> None:
+    """ArgumentError for a model with such a friction: ``what`` does not take it into account."""
+    if names := loaded_motors(model):
+        raise ArgumentError(
+            f"{what}: given {model.title}, whose motor {names[0]} has a friction that depends on the torque of its "
+            "gear, expected motors without it, which only solve without limits, simulate, control, learn, "
+            "command_positions and generate take into account; set load_coulomb, load_stribeck and load_smoothing of "
+            "its friction to 0"
+        )
 
 
 def refuse_lugre(model: Any, what: str) -> None:
@@ -109,8 +100,13 @@ def has_harmonics(model: Any) -> str:
     return ""
 
 
-def refuse_harmonics(model: Any, what: str) -> None:
-    """ArgumentError for a model with Fourier sums of a motor angle or friction with a state, which ``what`` ignores."""
+def refuse_harmonics(model: Any, what: str, *, load: bool = True) -> None:
+    """ArgumentError for a model with Fourier sums of a motor angle or friction with a state, which ``what`` ignores.
+
+    ``load``: it also ignores that a friction depends on the torque of a gear.
+    """
+    if load:
+        refuse_load(model, what)
     refuse_lugre(model, what)
     if found := has_harmonics(model):
         raise ArgumentError(

@@ -298,14 +298,14 @@ class Stream:
         ------
         ArgumentError
             Where a limit is not positive, the horizon is too short, the stream has failed, its library was closed, or
-            the model has gears with hysteresis or motors with lugre.
+            the model has gears with hysteresis, or motors with lugre or friction that depends on the load.
         """
         self._entries.refuse_closed()
         entry = self._entries.limits
         if entry is None:
             raise ArgumentError(
-                "stream: given limits, expected none where the model has hysteresis, lugre or Fourier sums of motor "
-                "angles"
+                "stream: given limits, expected none where the model has hysteresis, lugre, friction that depends on "
+                "the load or Fourier sums of motor angles"
             )
         n_m = self._sizes["n_m"]
         both = [

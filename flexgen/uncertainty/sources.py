@@ -20,7 +20,7 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.plants import FORCES
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel
-from flexgen.model.parts import Tolerances
+from flexgen.spec.parts import Tolerances
 
 WEAK = 0.2  # relative standard deviation; a normal number of this one is negative once in 3.5 million
 PAYLOAD = "payload.mass"

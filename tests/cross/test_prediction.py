@@ -14,7 +14,7 @@ import pytest
 
 import flexgen
 from flexgen.mechanics.equations import derive
-from flexgen.model.parts import Tolerances
+from flexgen.spec.parts import Tolerances
 from flexgen.uncertainty.sources import WEAK
 
 ROBOTS = 200

@@ -14,9 +14,9 @@ from shipped_models import elastic_models
 
 import flexgen
 from flexgen.analysis.linear import linearize
+from flexgen.analysis.mean_friction import mean_viscous_change
 from flexgen.errors import SolverError
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.mechanics.mean_friction import mean_viscous_change
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import Friction
 

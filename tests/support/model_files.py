@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EVERYTHING = """
 name = "everything"
 gravity = [0, 0, -9.81]
+temperature = 40
 motor_coupling = "complete"
 home_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
 [base]
@@ -166,6 +167,8 @@ def everything(folder: Path) -> Path:
     for k in range(6):
         text += f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-3\n'
         text += 'axis = [0, 0, 1]\ncarrier = "base"\n'
+        loads = "load_coulomb = 0.1, load_smoothing = 1"
+        text += f'friction = {{ type = "gear", coulomb = 1, beta = 10, {loads} }}\n' * (k == 1)
         text += "torque_rate_max = 9e3\ntorque_rms_max = 9\nthermal_time = 60\ntorque_speed = [[0, 9], [300, 5]]\n"
         text += "cogging = { harmonics = [6], sin = [0.1] }\ntorque_ripple = { harmonics = [6], cos = [0.01] }\n"
         text += "encoder_error = { harmonics = [2], cos = [1e-4] }\n"

@@ -65,6 +65,7 @@ SLOW_CASES = {
         "docs/hysteresis.md",
         "docs/positions.md",
         "docs/friction_with_state.md",
+        "docs/load_and_temperature.md",
         "docs/transmission_error.md",
         "docs/own_robot.md",
         "docs/process_force.md",

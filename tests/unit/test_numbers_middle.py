@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.analysis import solvability, zeros, zeros_along_path
+from flexgen.analysis.mean_friction import is_linear
 from flexgen.codegen.kinematic_functions import kinematic_constants
 from flexgen.codegen.motor_constants import motor_constants
 from flexgen.errors import ArgumentError
@@ -24,7 +25,6 @@ from flexgen.expressions.routine import Block, Routine, Solve, Zeros
 from flexgen.inverse_kinematics import targets
 from flexgen.mechanics import outputs, parameters, statics
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.mean_friction import is_linear
 from flexgen.model.elements import Body, Friction, Gear, RobotModel
 from flexgen.paths.segments import Line, circle_through
 
