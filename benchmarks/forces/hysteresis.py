@@ -21,7 +21,7 @@ import numpy as np
 import flexgen
 from flexgen.inversion.memory import with_memory
 from flexgen.inversion.sampling import from_library
-from flexgen.mechanics.hysteresis import without_hysteresis
+from flexgen.memory.hysteresis import without_hysteresis
 from flexgen.memory.lugre import without_lugre
 from flexgen.runtime.path_inversion import Inverter
 

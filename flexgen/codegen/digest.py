@@ -24,6 +24,8 @@ NEWER = (
     "turns",
     "counterbalance",
     "hysteresis",
+    "Hysteresis.exponent",
+    "Hysteresis.gamma",
     "transmission_error",
     "cogging",
     "torque_ripple",

@@ -31,7 +31,7 @@ class MotorConstants:
         Names of the actuated coordinates, which name the gears.
     gear_is_rigid, gear_is_linear : tuple of bool
     hysteresis_stiffness, hysteresis_slip : tuple of float
-        ``K_h`` and ``W`` of `flexgen.mechanics.hysteresis.GearHysteresis`, arm side; zero for gears without hysteresis.
+        ``K_h`` and ``W`` of `flexgen.memory.hysteresis.GearHysteresis`, arm side; zero for gears without hysteresis.
     lugre : dict of str to tuple of float
         Numbers of `flexgen.memory.lugre.MotorBristles` by their names; empty where no motor has any.
     arm_side : tuple of float
@@ -85,12 +85,13 @@ def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
 
 def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants:
     """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C has its inverse."""
-    from flexgen.mechanics.hysteresis import gear_hysteresis  # here, as these need CasADi
     from flexgen.mechanics.lagrangian import gears
+    from flexgen.memory.hysteresis import gear_hysteresis, refuse_elements  # here, as these need CasADi
 
     def rows(A: np.ndarray) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(float(x) for x in row) for row in A)
 
+    refuse_elements(model, "library with invert, bvp or streams")
     made, law = gears(model), gear_hysteresis(model)
     return MotorConstants(
         i_g=model.i_g,

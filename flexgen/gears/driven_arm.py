@@ -23,6 +23,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears as gears_of
 from flexgen.mechanics.motor_harmonics import gear_angles
 from flexgen.mechanics.system import solve_symmetric
+from flexgen.memory.hysteresis_law import element_rate
 from flexgen.model.elements import Dof
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.hysteretic_rate import deflection_rates, generalized_force
@@ -110,7 +111,7 @@ class DrivenArm:
         largest = ca.SX.sym("largest")
         p = ca.vertcat(equations.symbols, K_h, W, coefficients, largest)
         slower = largest * W / ca.fmax(largest * W, K_h * ca.fabs(rate))
-        dx = ca.vertcat(dy[free], acceleration, slower * K_h * (rate - ca.fabs(rate) * known / W))
+        dx = ca.vertcat(dy[free], acceleration, slower * K_h * element_rate(rate, known, W, 1.0, 0.0))
 
         def function(name: str, output: ca.SX) -> ca.Function:
             return ca.Function(name, [x, motors, p], [ca.cse(ca.densify(output))])

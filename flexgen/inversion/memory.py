@@ -15,7 +15,7 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.motor_side import motors_behind
 from flexgen.inversion.sampling import second_time_derivative, time_derivative
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.hysteretic_gears import hysteretic_deflections
+from flexgen.memory.hysteretic_gears import hysteretic_deflections
 from flexgen.memory.lugre import bristle_torques, motor_bristles, torques_to_send
 from flexgen.model.friction import bristled_motors, hysteretic_joints
 

@@ -58,7 +58,7 @@ def inversion_library(
         There is no compiler, or it fails.
     """
     from flexgen.library.model_library import library_with
-    from flexgen.mechanics.hysteresis import without_hysteresis
+    from flexgen.memory.hysteresis import without_hysteresis
     from flexgen.memory.lugre import without_lugre
 
     model = equations.model if memory else without_lugre(without_hysteresis(equations.model))

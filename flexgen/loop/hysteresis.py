@@ -1,9 +1,10 @@
 """Robots of the loop whose gears have hysteresis, or motors bristles: the equations of motion, in C that CasADi writes.
 
-    M a = forces + B^T z,    z = W s,    s' = K_h/W (d' - |d'| s),    d: deflections of the gears, s = 0 at the start
+    M a = forces + B^T sum z,    z = W s,    s' = K_h/W element_rate(d', s)
 
-and the same of the bristles of motors with s = s0 z/F, F the larger one of F_c and F_s. Rest, eigenvalues and
-controllers are those of the springs, dampers and frictions without a state.
+with the deflections d of the gears and s = 0 at the start, and the same of the bristles of motors with s = s0 z/F, F
+the larger one of F_c and F_s. Rest, eigenvalues and controllers are those of the springs, dampers and frictions
+without a state.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from flexgen.analysis import second_order
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.loop.plants import LocalDynamics, Plants
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.hysteresis import GearHysteresis, gear_hysteresis, without_hysteresis
 from flexgen.mechanics.parameters import with_values
+from flexgen.memory.hysteresis import Layer, gear_layers, without_hysteresis
 from flexgen.memory.lugre import MotorBristles, motor_bristles, without_lugre
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
@@ -30,14 +31,16 @@ from flexgen.simulation.hysteretic_rate import deflection_rates, generalized_for
 class States:
     """What a robot has of elements with a state."""
 
-    gears: GearHysteresis
+    gears: tuple[Layer, ...]
     motors: MotorBristles
 
     def numbers(self) -> np.ndarray:
-        """W [N m] and K_h/W [1/rad] of the gears, zero where one has none."""
-        return np.concatenate(
-            [self.gears.slip, self.gears.stiffness / np.where(self.gears.present, self.gears.slip, np.inf)]
-        )
+        """W [N m] of the layers of elements, then their K_h/W [1/rad]; zero where a gear has none."""
+        return np.concatenate([*(layer.slip for layer in self.gears), *self.slopes()])
+
+    def slopes(self) -> list[np.ndarray]:
+        """K_h/W [1/rad] of the layers."""
+        return [layer.stiffness / np.where(layer.present, layer.slip, np.inf) for layer in self.gears]
 
     def of_motors(self) -> np.ndarray:
         """F, F_c, F_s [N m], v_s, s0, s1 of the motors; F is zero where one has no bristles."""
@@ -59,7 +62,7 @@ def split_plants(model: RobotModel, plants: Plants) -> tuple[Plants, tuple[State
     names = [p.name for p in plants.parameters]
     numbers = [dict(zip(names, map(float, row), strict=True)) for row in plants.values]
     made = [with_values(model, each) for each in numbers]
-    laws = [States(gear_hysteresis(each), motor_bristles(each)) for each in made]
+    laws = [States(gear_layers(each), motor_bristles(each)) for each in made]
     kept = [k for k, p in enumerate(plants.parameters) if ".hysteresis." not in p.key and ".lugre." not in p.key]
     parameters = tuple(plants.parameters[k] for k in kept)
     return replace(plants, parameters=parameters, values=plants.values[:, kept]), tuple(laws)
@@ -70,27 +73,30 @@ def hysteretic_robots(
 ) -> RobotFunction:
     """The rate of the state (q_a, v_a, q_m, v_m, s) of robots with parameters ``values`` (lanes, n_p) and ``laws``.
 
-    Its numbers (lanes, n_p + 2 n_g): the parameters, then `States.numbers`; where a motor has bristles, also 6 n_m of
-    `States.of_motors`, and s is that of all gears, then of all motors. BuildError where no compiler works.
+    Its numbers: the parameters, then `States.numbers`; where a motor has bristles, also 6 n_m of `States.of_motors`,
+    and s is that of all layers of the gears, then of all motors. BuildError where no compiler works.
     """
     bristled = any(law.motors.present.any() for law in laws)
     rows = [[law.numbers(), *([law.of_motors()] if bristled else [])] for law in laws]
     numbers = np.hstack([values, np.array([np.concatenate(row) for row in rows])])
-    return RobotFunction(_rate(equations, bristled), numbers, lambda line: progress(f"control: {line}"))
+    return RobotFunction(_rate(equations, laws[0].gears, bristled), numbers, lambda line: progress(f"control: {line}"))
 
 
-def _rate(equations: Equations, bristled: bool) -> ca.Function:
-    """The rate of one robot's state; inputs as in closed_loop.c."""
+def _rate(equations: Equations, layers: Sequence[Layer], bristled: bool) -> ca.Function:
+    """The rate of one robot's state; inputs as in closed_loop.c. ``layers``: exponents and gammas, of all robots."""
     model, lag, (y, dy, _) = equations.model, equations.lagrangian, equations.y
     n_a, n_m, n_g, i_m = model.n_a, model.n_m, model.n_g, list(model.i_m)
-    state = ca.SX.sym("state", 2 * (n_a + n_m) + n_g + n_m * bristled)
+    n_z = n_g * len(layers)
+    state = ca.SX.sym("state", 2 * (n_a + n_m) + n_z + n_m * bristled)
     q_a, v_a, q_m, v_m, share, bent = ca.vertsplit(
-        state, np.cumsum([0, n_a, n_a, n_m, n_m, n_g, n_m * bristled]).tolist()
+        state, np.cumsum([0, n_a, n_a, n_m, n_m, n_z, n_m * bristled]).tolist()
     )
-    slip, per_slip, law = ca.SX.sym("slip", n_g), ca.SX.sym("per_slip", n_g), ca.SX.sym("law", 6 * n_m * bristled)
-    forces = generalized_force(equations.with_symbols, slip * share, lag.q_m)
+    slip, per_slip, law = ca.SX.sym("slip", n_z), ca.SX.sym("per_slip", n_z), ca.SX.sym("law", 6 * n_m * bristled)
+    torques = ca.vertsplit(slip * share, n_g)
+    forces = generalized_force(equations.with_symbols, sum(torques[1:], torques[0]), lag.q_m)
     rate = deflection_rates(equations)
-    more = per_slip * (rate - ca.fabs(rate) * share)
+    parts = zip(layers, ca.vertsplit(share, n_g), strict=True)
+    more = per_slip * ca.vertcat(*[layer.rates(rate, part, np.ones(n_g)) for layer, part in parts])
     if bristled:
         most, coulomb, static, speed, stiffness, damping = ca.vertsplit(law, n_m)
         turning = motor_speeds(equations)
@@ -117,15 +123,15 @@ def largest_rate(
 
     ``motion``: all samples of ``v_a``, ``v_m``.
     """
-    model, gears, motors = local.model, law.gears, law.motors
+    model, motors = local.model, law.motors
     z, tau = ca.SX.sym("z", model.n_g), ca.SX.sym("tau", model.n_m)
     at_zero = generalized_force(model, z, ca.SX(ca.DM.zeros(model.n_m)))
     B, C = (np.array(ca.DM(ca.jacobian(f, x))) for f, x in ((at_zero, z), (motor_force(model, tau), tau)))
     M, D, K, _ = local.matrices(points, values)
-    stiff = K + B @ np.diag(gears.stiffness) @ B.T + C @ np.diag(motors.stiffness) @ C.T
+    stiff = K + B @ np.diag(sum(layer.stiffness for layer in law.gears)) @ B.T + C @ np.diag(motors.stiffness) @ C.T
     swings = second_order.largest_rate(M, D + C @ np.diag(motors.damping) @ C.T, stiff)
-    rates = np.abs(np.hstack([motion["v_a"], motion["v_m"][:, list(model.i_m)]]) @ B)[:, gears.present]
-    slips = rates * (gears.stiffness / np.where(gears.present, gears.slip, np.inf))[gears.present]
+    rates = np.abs(np.hstack([motion["v_a"], motion["v_m"][:, list(model.i_m)]]) @ B)
+    slips = rates * np.max([slope * x.exponent for slope, x in zip(law.slopes(), law.gears, strict=True)], axis=0)
     least = np.minimum(motors.coulomb, motors.static)[motors.present]
     slides = np.abs(motion["v_m"])[:, motors.present] * motors.stiffness[motors.present] / least
     return max(swings, float(slips.max(initial=0.0)), float(slides.max(initial=0.0)))

@@ -13,7 +13,8 @@ temperature          of the robot, where motors have friction of the type "gear"
 m1.inertia           inertia of a rotor; only by its own name
 m1.cogging_cos_6 ..  a coefficient of a Fourier sum of a motor angle; only by its own name; of a joint ``q1``:
                      ``q1.transmission_error_sin_2``; also ``m1.torque_ripple_cos_6``
-q1.lost_motion       of a gear with hysteresis; ``lost_motion``: of all; ``q1.hysteresis_stiffness`` by its own name
+q1.lost_motion       of a gear with hysteresis; ``lost_motion``: of all; ``q1.hysteresis_stiffness`` by its own name;
+                     of several elements ``q1.lost_motion_1``, ``q1.hysteresis_stiffness_1`` ...
 m1.lugre_coulomb     and other numbers of the table ``lugre`` of a motor; ``lugre_coulomb``: of all
 arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body; only by their own names
 ==================== ==============================================================================================
@@ -25,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
@@ -34,6 +35,9 @@ from flexgen.model.elements import Body, Dof, Friction, Gear, Motor, RobotModel,
 from flexgen.model.friction import refuse_hysteresis
 from flexgen.spec.fourier import FourierSum
 from flexgen.spec.parts import GearFriction
+
+if TYPE_CHECKING:
+    from flexgen.spec.memory import Hysteresis
 
 _SPRING_UNITS = {
     "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
@@ -216,14 +220,23 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
     damping = _damping(gear.damping, name, part, units, key, visit)
     # (in units of the joint, whatever the side of the spring)
     error = _fourier_sum(gear.transmission_error, f"{name}.transmission_error", joint("rad"), key, visit)
-    hysteresis = gear.hysteresis
-    if hysteresis is not None:
-        at, own = f"{key}.hysteresis", f"hysteresis of {part}"
-        lost = Parameter(f"{name}.lost_motion", hysteresis.lost_motion, joint("rad"), own, f"{at}.lost_motion")
+    at, own = f"{key}.hysteresis", f"hysteresis of {part}"
+
+    def element(given: Hysteresis, n: str, place: str) -> Hysteresis:
+        """``n``, ``place``: ends of its names, and of its key where there are several."""
+        lost = Parameter(f"{name}.lost_motion{n}", given.lost_motion, joint("rad"), own, f"{at}{place}.lost_motion")
         stiff = Parameter(
-            f"{name}.hysteresis_stiffness", hysteresis.stiffness, units("N m/rad"), own, f"{at}.stiffness"
+            f"{name}.hysteresis_stiffness{n}", given.stiffness, units("N m/rad"), own, f"{at}{place}.stiffness"
         )
-        hysteresis = replace(hysteresis, lost_motion=visit(lost, "lost_motion"), stiffness=visit(stiff))
+        of_gear = [f"{name}.lost_motion"] if n else [], [f"{name}.hysteresis_stiffness"] if n else []
+        wide, steep = visit(lost, "lost_motion", *of_gear[0]), visit(stiff, *of_gear[1])
+        return replace(given, lost_motion=wide, stiffness=steep)
+
+    hysteresis = gear.hysteresis
+    if isinstance(hysteresis, tuple):
+        hysteresis = tuple(element(each, f"_{k + 1}", f".{k}") for k, each in enumerate(hysteresis))
+    elif hysteresis is not None:
+        hysteresis = element(hysteresis, "", "")
     return replace(gear, spring=spring, damping=damping, transmission_error=error, hysteresis=hysteresis)
 
 

@@ -117,7 +117,7 @@ class Gear:
     side: str = "arm"  # or "motor": the side of the gear to which spring and damping refer
     spring: Spring | None = None  # None for a rigid gear
     damping: float = 0.0  # in parallel with the spring [N m s/rad or N s/m]
-    hysteresis: Hysteresis | None = None
+    hysteresis: Hysteresis | tuple[Hysteresis, ...] | None = None  # or its elements
     transmission_error: FourierSum | None = None  # of the motor angle, e(q_m) [rad or m] at the joint
     torque_max: float | None = None  # at the joint [N m or N], and over the motion in the root mean square
     torque_rms_max: float | None = None

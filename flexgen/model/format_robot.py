@@ -44,6 +44,7 @@ from flexgen.spec.keys import (
     flag,
     name,
     number,
+    one_or_more,
     sub,
     vector,
 )
@@ -51,6 +52,7 @@ from flexgen.spec.parts import GearFriction
 from flexgen.spec.tables import Table
 
 HARMONICS = 6  # of a counterbalance
+ELEMENTS = 8  # of the hysteresis of a gear
 COORDINATES_MAX = 64  # of the arm; the effort to derive and compile grows faster than their number
 _INERTIA_TOLERANCE = 1e-9  # relative to the largest principal moment
 _ROUNDING_ERROR = 1e-15  # of a sine or cosine
@@ -292,7 +294,7 @@ _ELASTIC = Format(
         Key("side", choice("arm", "motor"), "the side of the gear to which spring and damping refer"),
         Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
         DAMPING,
-        Key("hysteresis", sub(hysteresis), "hysteresis in parallel with the spring; default: none", default=None),
+        Key("hysteresis", one_or_more(hysteresis, ELEMENTS), "parallel to the spring; default: none", default=None),
         Key("transmission_error", sub(ERROR), "transmission error at the joint, over the motor angle", default=None),
         *_PEAKS,
     ),

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.hysteresis import gear_hysteresis
 from flexgen.mechanics.motor_harmonics import gear_rates
+from flexgen.memory.hysteresis import gear_layers
 from flexgen.memory.lugre import bristle_rates, motor_bristles
 from flexgen.model.elements import RobotModel
 
@@ -50,8 +50,8 @@ def motor_speeds(equations: Equations) -> ca.SX:
 
 def slip_torques(model: RobotModel) -> np.ndarray:
     """Torques at which the states of `hysteretic_rate` slip [N m]."""
-    gears, motors = gear_hysteresis(model), motor_bristles(model)
-    return np.concatenate([x for x in (gears.slip, motors.static) if x.any()])
+    slips = np.concatenate([layer.slip for layer in gear_layers(model)])
+    return np.concatenate([x for x in (slips, motor_bristles(model).static) if x.any()])
 
 
 def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -60,20 +60,21 @@ def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
     Returns
     -------
     inputs : list
-        State (q_a, q_me, v_a, v_me) (2 n); torques z of all gears (n_g) where one has hysteresis, then torques s0 z
-        of the bristles of all motors (n_m) where one has them; motor torques (n_m); then the force on the tool (6,)
-        where the equations have one.
+        State (q_a, q_me, v_a, v_me) (2 n); torques z of the layers of all gears, n_g each, where one has hysteresis,
+        then torques s0 z of the bristles of all motors (n_m) where one has them; motor torques (n_m); then the force
+        on the tool (6,) where the equations have one.
     outputs : list
         Rate of the state (2 n), of the torques, and the power that goes into hysteresis and bristles [W].
     """
     model, lag, (y, dy, _) = equations.model, equations.lagrangian, equations.y
-    law, motors, rates, taken = gear_hysteresis(model), motor_bristles(model), [], ca.SX(0)
+    layers, motors, rates, taken = gear_layers(model), motor_bristles(model), [], ca.SX(0)
     z, forces = ca.SX.sym("z", len(slip_torques(model))), ca.SX.zeros(model.dof)
-    if law.present.any():
-        z_g, rate = z[: model.n_g], deflection_rates(equations)
+    if any(layer.present.any() for layer in layers):
+        parts, rate = ca.vertsplit(z[: len(layers) * model.n_g], model.n_g), deflection_rates(equations)
+        z_g = sum(parts[1:], parts[0])
         forces += generalized_force(model, z_g, lag.q_m)
-        slip = np.where(law.present, law.slip, 1.0)
-        rates.append(ca.DM(law.stiffness) * (rate - ca.fabs(rate) * z_g / ca.DM(slip)))
+        for layer, part in zip(layers, parts, strict=True):
+            rates.append(ca.DM(layer.stiffness) * layer.rates(rate, part, layer.divisor))
         taken += ca.dot(z_g, rate)
     if motors.present.any():
         v_m = motor_speeds(equations)

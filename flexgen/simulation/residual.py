@@ -44,11 +44,11 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
 
 def _hysteresis(equations: Equations, motion: Motion) -> np.ndarray:
     """Torques of the gears' hysteresis (n, n_g): those of the motion, or what its deflections make of it."""
-    from flexgen.mechanics.hysteresis import gear_hysteresis, torque_along
+    from flexgen.memory.hysteresis import gear_layers, torque_along
 
     model = equations.model
     deflection = gear_angles_along(model, motion.q_m) - motion.q_a[:, list(model.i_g)]
-    return torque_along(gear_hysteresis(model), deflection) if motion.tau_h is None else motion.tau_h
+    return torque_along(gear_layers(model), deflection) if motion.tau_h is None else motion.tau_h
 
 
 def _bristles(equations: Equations, motion: Motion) -> np.ndarray:

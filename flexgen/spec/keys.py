@@ -53,6 +53,7 @@ class Type:
     rule: str = ""  # the end of the text of every key of this type
     form: Form | Callable[[], Form] | None = None  # of a table, or of the tables of a list
     many: bool = False  # a list of tables
+    most: int = 0  # a table, or a list of at most so many
     plural: bool = False  # the attribute of the objects has an s more than the key
 
 
@@ -407,6 +408,22 @@ def sub(form: Form | Callable[[], Form]) -> Type:
         return read(inner, form() if callable(form) else form, here)
 
     return Type(read_sub, {}, form=form)
+
+
+def one_or_more(form: Form | Callable[[], Form], most: int) -> Type:
+    """A table, or a list of up to ``most`` tables: its object, or a tuple of objects where there are several."""
+    one = sub(form)
+
+    def read_tables(table: Table, key: Key, here: Context) -> Any:
+        if not isinstance(table.plain(key.name, f"a table or a list of tables: {key.what or key.doc}"), list):
+            return one.read(table, key, here)
+        tables = table.tables(key.name)
+        if len(tables) > most:
+            raise table.fail(key.name, f"at most {most} tables", f"{len(tables)}")
+        found = tuple(read(inner, form() if callable(form) else form, here) for inner in tables)
+        return found if len(found) > 1 else found[0]
+
+    return Type(read_tables, {}, form=form, most=most)
 
 
 def listed(form: Form, least: int = 1, most: int = 0, plural: bool = True) -> Type:

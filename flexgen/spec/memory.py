@@ -1,4 +1,7 @@
-"""Tables of elements with a state: hysteresis of gears, friction of motors."""
+"""Tables of elements with a state: hysteresis of gears, friction of motors.
+
+The law of a hysteresis is in `flexgen.memory.hysteresis_law`.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +13,25 @@ from flexgen.spec.tables import Table
 
 @dataclass(frozen=True)
 class Hysteresis:
-    """Dahl's hysteresis of a gear: a torque z in addition to its spring, which follows the deflection d and slips at W.
+    """Hysteresis of a gear, or one of its elements: a torque z in parallel with the spring, after the deflection d.
 
-        z' = K_h (d' - |d'| z/W),    W = K lost_motion/2,    K: stiffness of the spring at zero
+        z' = K_h (d' (1 - gamma |x|^n) - (1 - gamma) |d'| |x|^n sign(x)),    x = z/W
 
-    Source: P. R. Dahl, AIAA Journal 14(12), 1976.
+    with the torque W = K lost_motion/2 at which it slips; K: stiffness of the spring at zero. This is the law of Bouc
+    and Wen, with n = 1 and gamma = 0 that of Dahl, ``z' = K_h (d' - |d'| z/W)``, with a large n Coulomb friction behind
+    a spring. Several elements add up to Maxwell's slip model.
+
+    Sources: P. R. Dahl, AIAA Journal 14(12), 1976; Y.-K. Wen, J. Eng. Mech. Div. ASCE 102(2), 1976.
     """
 
     lost_motion: float  # at the joint: width of the hysteresis at zero torque, 2 W/K [rad or m]
     stiffness: float  # K_h, added after a reversal [N m/rad or N/m], on the side of the spring
+    exponent: float = 1.0  # n
+    gamma: float = 0.0
 
 
 HYSTERESIS = Format(
-    "hysteresis of a gear by Dahl's law, in parallel with its spring",
+    "hysteresis of a gear in parallel with its spring; several elements as a list of tables",
     (
         Key("lost_motion", number(above=0.0), "width of the hysteresis at zero torque, at the joint", "rad or m"),
         Key(
@@ -31,6 +40,8 @@ HYSTERESIS = Format(
             "stiffness that is added after a reversal, on the side of the spring",
             "N m/rad or N/m",
         ),
+        Key("exponent", number(least=1.0, most=20.0), "how sharply it begins to slip, n; 1: Dahl's law", "", 1.0),
+        Key("gamma", number(least=-1.0, most=0.5), "shape of its return; 0.5: along a straight line", "", 0.0),
     ),
     make=Hysteresis,
     definition="hysteresis",

@@ -17,6 +17,8 @@ def type_schema(kind: Type) -> Schema:
     target: Schema = {"$ref": f"#/definitions/{form.definition}"} if form.definition else table_schema(form)
     if kind.many:
         return kind.schema | {"items": target}
+    if kind.most:
+        return {"anyOf": [target, {"type": "array", "items": target, "minItems": 1, "maxItems": kind.most}]}
     return {"allOf": [target]} if form.definition else target
 
 
@@ -68,6 +70,7 @@ def write(form: Form | Callable[[], Form], value: Any) -> dict[str, Any]:
             continue
         inner = key.type.form
         if inner is not None:
-            found = [write(inner, item) for item in found] if key.type.many else write(inner, found)
+            several = key.type.many or (key.type.most > 0 and isinstance(found, tuple))
+            found = [write(inner, item) for item in found] if several else write(inner, found)
         out[key.names[0]] = key.type.write(found)
     return out

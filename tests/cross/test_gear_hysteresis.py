@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
-from hysteretic import ARCMIN, error_in_mujoco, hysteretic
+from hysteretic import ARCMIN, BENT, SLIPS, Element, error_in_mujoco, error_with_elements, hysteretic, with_elements
 
 import flexgen
 from flexgen.exports.mujoco_checks import with_friction
@@ -45,3 +47,22 @@ def test_a_robot_without_hysteresis_does_not_follow_the_torques_for_one() -> Non
     (path,) = [flexgen.solve(hysteretic("elbow"), progress=False).trajectory]
     assert error_in_mujoco("elbow", path, ARCMIN) < KNOWN
     assert error_in_mujoco("elbow", path, 0.0) > 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "elements"),
+    [
+        ("elbow", BENT),
+        *(pytest.param("planar5_nmp", each, marks=pytest.mark.slow) for each in (SLIPS, BENT)),
+        *(pytest.param("manutec_r3_18", each, marks=pytest.mark.slow) for each in (SLIPS, BENT)),
+    ],
+)
+def test_mujoco_with_several_elements_follows_the_path(name: str, elements: Sequence[Element]) -> None:
+    """Three elements of 1 arcmin in all, with Dahl's law and others; lost motions that are 20 % too large."""
+    models = [with_elements(name, elements, factor) for factor in (1.0, 1.2)]
+    found = [flexgen.solve(model, progress=False).trajectory for model in models]
+    plain = flexgen.solve(with_friction(flexgen.read(name), "viscous"), progress=False).trajectory
+
+    unknown, known, wrong = (error_with_elements(name, path, elements) for path in (plain, *found))
+    assert known < KNOWN < 3e-5 < unknown
+    assert wrong < WRONG * unknown

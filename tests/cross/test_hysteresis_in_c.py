@@ -18,7 +18,7 @@ from flexgen.inversion.memory import with_hysteresis
 from flexgen.inversion.motor_side import MotorMotion
 from flexgen.inversion.sampling import from_library
 from flexgen.library.generate import generate_parts
-from flexgen.mechanics.hysteresis import without_hysteresis
+from flexgen.memory.hysteresis import without_hysteresis
 
 pytestmark = needs_compiler
 CUBIC = {"type": "cubic", "stiffness": 1e5, "cubic": 4e10}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hysteretic import ARCMIN, error_in_mujoco, hysteretic
+from hysteretic import ARCMIN, BENT, error_in_mujoco, error_with_elements, hysteretic, with_elements
 from numpy.testing import assert_allclose
 from toolchain import needs_compiler
 
@@ -18,8 +18,8 @@ from flexgen.inversion.sampling import second_time_derivative, time_derivative
 from flexgen.loop import hysteresis as loop
 from flexgen.loop.channels import ACCELEROMETER, channels_of
 from flexgen.loop.control import case_controller, control_case, run_case
-from flexgen.mechanics.hysteresis import gear_hysteresis, torque_along
 from flexgen.mechanics.lagrangian import gears
+from flexgen.memory.hysteresis import gear_hysteresis, gear_layers, torque_along
 from flexgen.numerics.evaluate import evaluate
 
 pytestmark = needs_compiler
@@ -53,6 +53,21 @@ def test_the_loop_has_the_errors_of_mujoco(plain: flexgen.Solution) -> None:
         expected = error_in_mujoco("elbow", plain.trajectory, lost_motion, feedback=False)
         assert expected > 3e-5
         assert error_of(run, name) == pytest.approx(expected, rel=AGREES)
+    assert error_of(run, "without") < 1e-9
+
+
+def test_several_elements_have_the_errors_of_mujoco(plain: flexgen.Solution) -> None:
+    """Three elements; a factor of lost_motion is one of all of them."""
+    pytest.importorskip("mujoco")
+    model = with_elements("elbow", BENT)
+    run = flexgen.control(model, solution=plain, plants=WIDER, **OPEN)
+    assert run.status == "done"
+    expected = error_with_elements("elbow", plain.trajectory, BENT, feedback=False)
+    assert expected > 3e-5
+    assert error_of(run) == pytest.approx(expected, rel=AGREES)
+    wide = [replace(each, lost=1.2 * each.lost) for each in BENT]
+    expected = error_with_elements("elbow", plain.trajectory, wide, feedback=False)
+    assert error_of(run, "wide") == pytest.approx(expected, rel=AGREES)
     assert error_of(run, "without") < 1e-9
 
 
@@ -106,7 +121,7 @@ def test_the_loop_balances_the_energy(plain: flexgen.Solution) -> None:
     )
     v_a, v_m = time_derivative(q_a, step), time_derivative(q_m, step)
     d = q_m @ np.linalg.inv(model.eta).T - q_a[:, list(model.i_g)]
-    z = torque_along(gear_hysteresis(model), d - d[0])
+    z = torque_along(gear_layers(model), d - d[0])
     lost = float(np.sum((z[1:] + z[:-1]) / 2 * np.diff(d, axis=0)))
     equations = flexgen.derive(model)
     kinetic, potential = evaluate(equations.function("energy"), q_a, v_a, q_m, v_m)

@@ -19,8 +19,8 @@ from flexgen.inversion.memory import with_memory
 from flexgen.inversion.motor_side import MotorMotion
 from flexgen.inversion.sampling import from_library
 from flexgen.library.generate import generate_parts
-from flexgen.mechanics.hysteresis import without_hysteresis
 from flexgen.mechanics.signatures import offered_functions
+from flexgen.memory.hysteresis import without_hysteresis
 from flexgen.memory.lugre import without_lugre
 from flexgen.runtime.library import Library
 

@@ -15,10 +15,10 @@ import flexgen
 from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.inversion.sampling import second_time_derivative, time_derivative
 from flexgen.library.model_library import library_with
-from flexgen.mechanics import hysteresis as law_of
-from flexgen.mechanics import hysteretic_gears as stage
-from flexgen.mechanics.hysteresis import gear_hysteresis, without_hysteresis
-from flexgen.mechanics.hysteretic_gears import hysteretic_deflections
+from flexgen.memory import hysteresis as law_of
+from flexgen.memory import hysteretic_gears as stage
+from flexgen.memory.hysteresis import gear_hysteresis, gear_layers, without_hysteresis
+from flexgen.memory.hysteretic_gears import hysteretic_deflections
 
 KEY = "element.upper.dof.q1.gear"
 
@@ -109,7 +109,7 @@ def test_the_law_along_deflections_is_that_of_the_stage() -> None:
     model, t = elbow(0.0), np.linspace(0.0, 0.45, 1801)  # reversals at samples
     law = gear_hysteresis(model)
     p, z = hysteretic_deflections(flexgen.derive(model), t, cycles(t, 3.0 * law.slip[0]))
-    assert_allclose(law_of.torque_along(law, p), z, rtol=0, atol=1e-6 * law.slip.max())
+    assert_allclose(law_of.torque_along(gear_layers(model), p), z, rtol=0, atol=1e-6 * law.slip.max())
 
 
 @pytest.mark.slow
@@ -145,7 +145,7 @@ def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.M
 
         monkeypatch.setattr(stage._Branch, "torque", turned)
     elif planted == "forgotten":
-        monkeypatch.setattr(stage, "gear_hysteresis", lambda m: gear_hysteresis(without_hysteresis(m)))
+        monkeypatch.setattr(stage, "gear_layers", lambda m: gear_layers(without_hysteresis(m)))
     else:
         monkeypatch.setattr(stage, "REVERSALS", 1)
         monkeypatch.setattr(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,38 @@ def hysteretic(name: str, lost_motion: float = ARCMIN, share: float = 1.0, **ove
             if dof.gear is not None and dof.gear.spring is not None:
                 key = f"element.{element.name}.dof.{dof.name}.gear.hysteresis"
                 made[key] = {"lost_motion": lost_motion, "stiffness": share * dof.gear.spring.stiffness}
+    return with_friction(flexgen.read(name, overrides=made), "viscous")
+
+
+@dataclass(frozen=True)
+class Element:
+    """Lost motion and stiffness of an element, over those of the gear; exponent and gamma."""
+
+    lost: float
+    stiffness: float
+    exponent: float = 1.0
+    gamma: float = 0.0
+
+
+SLIPS = (Element(0.2, 0.5), Element(0.3, 0.3), Element(0.5, 0.2))  # of one arcmin in all
+BENT = (Element(0.2, 0.5, 1.0, 0.3), Element(0.3, 0.3, 2.0, 0.5), Element(0.5, 0.2, 3.7, -0.4))
+
+
+def with_elements(name: str, elements: Sequence[Element], factor: float = 1.0, **overrides: Any) -> flexgen.RobotModel:
+    """A model of models/ whose elastic gears have these elements; their lost motions add up to ``factor`` ARCMIN."""
+    made = dict(overrides)
+    for element in flexgen.read(name).elements:
+        for dof in element.dofs:
+            if dof.gear is not None and dof.gear.spring is not None:
+                made[f"element.{element.name}.dof.{dof.name}.gear.hysteresis"] = [
+                    {
+                        "lost_motion": factor * ARCMIN * each.lost,
+                        "stiffness": each.stiffness * dof.gear.spring.stiffness,
+                        "exponent": each.exponent,
+                        "gamma": each.gamma,
+                    }
+                    for each in elements
+                ]
     return with_friction(flexgen.read(name, overrides=made), "viscous")
 
 
@@ -49,6 +82,39 @@ class Gears:
 
     def keep(self, p: np.ndarray) -> None:
         self.z, self.p = self.at(p), p
+
+
+class Elements:
+    """Bouc and Wen's law ``dz/dp = K (1 - s |x|^(n-1) x (beta + gamma sign(s x)))``, s = sign(dp), by Runge and Kutta.
+
+    ``stiffness``, ``slip`` (elements, n_g); the torques are those of all elements.
+    """
+
+    def __init__(self, elements: Sequence[Element], K: np.ndarray, p: np.ndarray) -> None:
+        self.elements, self.p, self.z = elements, p, np.zeros((len(elements), len(p)))
+        self.stiffness = np.array([each.stiffness * K for each in elements])
+        self.slip = np.array([0.5 * each.lost * ARCMIN * K for each in elements])
+        self.n, self.gamma = (np.array([[getattr(each, x)] for each in elements]) for x in ("exponent", "gamma"))
+
+    def slope(self, z: np.ndarray, s: np.ndarray) -> np.ndarray:
+        x = z / self.slip
+        part = np.abs(x) ** (self.n - 1.0) * x * (1.0 - self.gamma + self.gamma * np.sign(s * x))
+        return np.asarray(self.stiffness * (1.0 - s * part))
+
+    def each_at(self, p: np.ndarray) -> np.ndarray:
+        z, s, h = self.z, np.sign(p - self.p), (p - self.p) / 4
+        for _ in range(4):
+            k1 = self.slope(z, s)
+            k2 = self.slope(z + h / 2 * k1, s)
+            k3 = self.slope(z + h / 2 * k2, s)
+            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + self.slope(z + h * k3, s))
+        return np.asarray(z)
+
+    def at(self, p: np.ndarray) -> np.ndarray:
+        return np.asarray(self.each_at(p).sum(axis=0))
+
+    def keep(self, p: np.ndarray) -> None:
+        self.z, self.p = self.each_at(p), p
 
 
 Law = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -149,9 +215,13 @@ def tool_error_in_mujoco(
 
 def with_lost_motion(name: str, lost_motion: float, start: np.ndarray, share: float = 1.0) -> tuple[Law, Any]:
     """``law`` and ``kept`` of a robot whose gears have hysteresis; ``start``: their deflections (n_g,) at rest."""
-    model = flexgen.read(name)
-    K, inverse = joint_stiffness(model), np.linalg.inv(model.eta)
-    gears = Gears(share * K, 0.5 * lost_motion * K + 1e-30, start)
+    K = joint_stiffness(flexgen.read(name))
+    return law_of_gears(name, Gears(share * K, 0.5 * lost_motion * K + 1e-30, start))
+
+
+def law_of_gears(name: str, gears: Gears | Elements) -> tuple[Law, Any]:
+    """``law`` and ``kept`` of a robot with these gears."""
+    inverse = np.linalg.inv(flexgen.read(name).eta)
 
     def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
         z = gears.at(inverse @ q_m - q_g)
@@ -161,6 +231,14 @@ def with_lost_motion(name: str, lost_motion: float, start: np.ndarray, share: fl
         gears.keep(inverse @ q_m - q_g)
 
     return law, kept
+
+
+def error_with_elements(name: str, path: Trajectory, elements: Sequence[Element], *, feedback: bool = True) -> float:
+    """`tool_error_in_mujoco` of a robot whose gears have these elements."""
+    model = flexgen.read(name)
+    start = np.linalg.inv(model.eta) @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]
+    law, kept = law_of_gears(name, Elements(elements, joint_stiffness(model), start))
+    return tool_error_in_mujoco(name, path, law, kept, feedback=feedback)
 
 
 def error_in_mujoco(

@@ -1,8 +1,8 @@
 """Deflections of gears with hysteresis that carry given torques.
 
-    tau_g = spring(p) + D p' + z,    z' = K_h (p' - |p'| z/W)
+    tau_g = spring(p) + D p' + sum z_i,    z_i: see `flexgen.memory.hysteresis_law`
 
-As long as the deflection p moves in one direction s, z is a function of it,
+As long as the deflection p moves in one direction s, each z is a function of it, by Dahl's law
 
     z = s W + (z_r - s W) exp(-s K_h (p - p_r)/W),
 
@@ -16,15 +16,16 @@ Source: P. R. Dahl, Solid friction damping of mechanical vibrations, AIAA Journa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.hysteresis import GearHysteresis, gear_hysteresis
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.statics import gear_damping, gear_deflection
+from flexgen.memory.hysteresis import Layer, gear_layers
 from flexgen.numerics.evaluate import Evaluator
 from flexgen.numerics.tableaus import radau
 
@@ -35,25 +36,39 @@ TABLE = radau(3)
 
 @dataclass
 class _Branch:
-    """The branch of each gear: where it reversed last, ``p_r``, ``z_r`` (n_g,), and its direction ``s`` (n_g,)."""
+    """The branch of each gear: where it reversed last, ``p_r`` (n_g,), ``z_r`` of each layer, its direction ``s``."""
 
     p_r: np.ndarray
     z_r: np.ndarray
     s: np.ndarray
-    law: GearHysteresis
+    layers: Sequence[Layer]
     springs: Evaluator  # at the stages of a step, by columns
+
+    def __post_init__(self) -> None:
+        self.start = np.zeros_like(self.z_r)
+        self.present = np.any([layer.present for layer in self.layers], axis=0)
+
+    def elements(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Torques of the elements (layers, 3, n_g) at deflections of the three stages (3, n_g), and their slopes."""
+        found = []
+        for layer, z_r, start in zip(self.layers, self.z_r, self.start, strict=True):
+            way = self.s * layer.stiffness * (p - self.p_r) / layer.divisor
+            found.append(layer.along(way, z_r, self.s, start))
+        return np.array([z for z, _ in found]), np.array([rise for _, rise in found])
 
     def torque(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Torque of spring and hysteresis at deflections of the three stages (3, n_g), its slope, and z."""
-        law, slip = self.law, np.where(self.law.present, self.law.slip, 1.0)
         value, slope = (x.T for x in self.springs(p.T))
-        end = self.s * law.slip
-        # Newton's method may try a deflection behind the reversal: there the branch is its tangent
-        x = self.s * law.stiffness * (p - self.p_r) / slip
-        fade, tangent = np.exp(-np.maximum(x, 0.0)), np.minimum(x, 0.0)
-        z = end + (self.z_r - end) * fade * (1.0 - tangent)
-        rise = law.stiffness * (1.0 - self.s * self.z_r / slip) * fade
-        return value + z, slope + np.where(law.present, rise, 0.0), np.where(law.present, z, 0.0)
+        z, rise = (x.sum(axis=0) for x in self.elements(p))
+        return value + z, slope + rise, z
+
+    def turn(self, turned: np.ndarray, p: np.ndarray) -> None:
+        """The gears ``turned`` reverse at the deflections ``p`` (n_g,)."""
+        z = self.elements(np.tile(p, (3, 1)))[0][:, 0]
+        self.p_r, self.z_r = np.where(turned, p, self.p_r), np.where(turned, z, self.z_r)
+        self.s = np.where(turned, -self.s, self.s)
+        paths = [layer.paths(self.s * x / layer.divisor) for layer, x in zip(self.layers, self.z_r, strict=True)]
+        self.start = np.where(turned, paths, self.start)
 
 
 def hysteretic_deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -68,12 +83,13 @@ def hysteretic_deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarra
         Gear torques and their first two time derivatives [N m, N m/s, N m/s^2].
     """
     model = equations.model
-    law, spring = gear_hysteresis(model), equations.function("gear_law")
+    layers, spring = gear_layers(model), equations.function("gear_law")
     elastic = np.array([not gear.rigid for gear, _ in gears(model)])
     D = np.where(elastic, gear_damping(equations), 0.0)
     start = gear_deflection(equations, tau_g[:1, :, 0])[0]
     springs = Evaluator(spring.map(len(TABLE.c)))
-    branch = _Branch(start, np.zeros(model.n_g), np.where(tau_g[0, :, 1] < 0.0, -1.0, 1.0), law, springs)
+    direction = np.where(tau_g[0, :, 1] < 0.0, -1.0, 1.0)
+    branch = _Branch(start, np.zeros((len(layers), model.n_g)), direction, layers, springs)
     stage = _Stage(D, elastic, branch)
     p, z = np.empty(tau_g.shape[:2]), np.zeros(tau_g.shape[:2])
     p[0] = start
@@ -96,7 +112,7 @@ class _Stage:
         begin, branch = np.zeros(len(p)), self.branch
         for _ in range(REVERSALS):
             end, rate = self.solve(p, begin, np.ones(len(p)), h, left, right)
-            turned = self.elastic & branch.law.present & (branch.s * rate < 0.0)
+            turned = self.elastic & branch.present & (branch.s * rate < 0.0)
             if not turned.any():
                 return end
             low, high = begin.copy(), np.where(turned, 1.0, begin)
@@ -109,10 +125,7 @@ class _Stage:
                 if (high - low).max() <= ROUNDING:
                     break
             reversal, _ = self.solve(p, begin, low, h, left, right)
-            z = branch.torque(np.tile(reversal, (3, 1)))[2][0]
-            branch.p_r = np.where(turned, reversal, branch.p_r)
-            branch.z_r = np.where(turned, z, branch.z_r)
-            branch.s = np.where(turned, -branch.s, branch.s)
+            branch.turn(turned, reversal)
             p, begin = np.where(turned, reversal, p), np.where(turned, low, begin)
         return end
 

@@ -1,0 +1,109 @@
+"""The law of an element of hysteresis: its rate, and from it the torque along a deflection that moves in one direction.
+
+    z' = K_h (d' (1 - gamma |x|^n) - (1 - gamma) |d'| |x|^n sign(x)),    x = z/W
+
+Everything that needs the law calls `element_rate`, or the `Curve` that is made of it. Along a path u = K_h |d - d_r|/W
+in one direction s from a reversal the part y = s x obeys y' = g(y), the same equation for all elements with the same n
+and gamma: their torques are pieces of one curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import quad
+from scipy.interpolate import PPoly
+
+KNOTS, DEGREE, DENSE = 12, 7, 20.0  # of a curve: pieces in a unit over n, degree, halvings where powers are not smooth
+SLID = 40.0  # time constants with which y comes to 1, at the end of a curve
+PICARD, NEWTON = 40, 60  # iterations
+
+
+def is_dahl(exponent: float, gamma: float) -> bool:
+    """Whether the law is Dahl's, whose curve is an exponential function."""
+    return exponent == 1.0 and gamma == 0.0
+
+
+def element_rate(rate: Any, z: Any, slip: Any, exponent: float, gamma: float) -> Any:
+    """Rate of the torque z over K_h: equation above; CasADi expressions or arrays.
+
+    ``rate``: d' [rad/s]; ``z``, ``slip`` W: torques [N m], or parts of any torque.
+    """
+    if is_dahl(exponent, gamma):
+        return rate - abs(rate) * z / slip
+    x = z / slip
+    power = abs(x) ** exponent  # its derivative exists at zero, that of |x|^(n - 1) x in CasADi not
+    sign = ca.sign(x) if isinstance(x, (ca.SX, ca.MX)) else np.sign(x)
+    return rate * (1.0 - gamma * power) - (1.0 - gamma) * abs(rate) * power * sign
+
+
+def element_slope(y: np.ndarray, exponent: float, gamma: float) -> np.ndarray:
+    """g(y) = dy/du, for parts y of the slip torque in the direction of the motion."""
+    return np.asarray(element_rate(1.0, np.asarray(y), 1.0, exponent, gamma))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The part y of the slip torque over the path u, y(0) = 0: from y = -1 until it is 1."""
+
+    exponent: float
+    gamma: float
+    pieces: PPoly
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """y at the paths u, which are not before y = -1."""
+        ends = self.pieces.x[0], self.pieces.x[-1]
+        return np.minimum(self.pieces(np.clip(u, *ends)), 1.0)
+
+    def slope(self, y: np.ndarray) -> np.ndarray:
+        """dy/du."""
+        return element_slope(y, self.exponent, self.gamma)
+
+    def path(self, y: np.ndarray) -> np.ndarray:
+        """The u with y(u) = y, by Newton's method within the bounds of a piece; y in [-1, 1]."""
+        x = self.pieces.x
+        k = np.clip(np.searchsorted(self.pieces(x), y) - 1, 0, len(x) - 2)
+        low, high = x[k], x[k + 1]
+        u = (low + high) / 2
+        for _ in range(NEWTON):
+            off = self.pieces(u) - y
+            low, high = np.where(off < 0.0, u, low), np.where(off < 0.0, high, u)
+            slope = self.slope(np.clip(y, -1.0, 1.0 - 1e-15))
+            step = u - off / np.maximum(slope, 1e-16)
+            u = np.where((step > low) & (step < high), step, (low + high) / 2)
+        return np.where(np.asarray(y) >= self.pieces(x[-1]), x[-1], u)
+
+
+@cache
+def curve_of(exponent: float, gamma: float) -> Curve:
+    """The curve of elements with these numbers: collocation polynomials between knots that are dense at y = 0."""
+    first = -quad(lambda y: 1.0 / float(element_slope(y, exponent, gamma)), -1.0, 0.0, epsabs=1e-14, epsrel=1e-13)[0]
+    size = 1.0 / KNOTS
+    grown = 2.0 ** -np.arange(DENSE, -1.0, -1.0)
+    late = size * grown[-1] + np.arange(1.0, KNOTS * (exponent + 1.0 + SLID)) * size / exponent
+    before = max(1, int(np.ceil(KNOTS * exponent)))
+    early = -np.arange(before, 0.0, -1.0) / before
+    outward = np.concatenate([first * (1.0 + 1e-9) * early[:-1], first / before * grown[::-1]])
+    knots = np.concatenate([-np.abs(outward), [0.0], size * grown, late])
+    nodes = (1.0 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2
+    powers = np.linalg.inv(np.vander(nodes))
+    integrals = (
+        np.vander(nodes, DEGREE + 2)[:, :-1] / np.arange(DEGREE + 1, 0, -1) @ powers
+    )  # of a polynomial, to nodes
+    zero = int(np.flatnonzero(knots == 0.0)[0])
+    pieces = np.empty((DEGREE + 1, len(knots) - 1))
+    for order, known, end in ((range(zero, len(knots) - 1), 0, -1), (range(zero - 1, -1, -1), -1, 0)):
+        y = 0.0
+        for k in order:
+            width, values = knots[k + 1] - knots[k], np.full(DEGREE + 1, y)
+            for _ in range(PICARD):
+                change = width * integrals @ element_slope(np.clip(values, -2.0, 1.0), exponent, gamma)
+                values = y + change - change[known]
+            pieces[:, k] = powers @ (values - values[0]) / width ** np.arange(DEGREE, -1, -1)
+            pieces[-1, k] = values[0]
+            y = values[end]
+    return Curve(exponent, gamma, PPoly(pieces, knots))

@@ -1,0 +1,227 @@
+"""Elements of Bouc and Wen in gears: closed forms, an own integrator, Masing's loop, energy, model files, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hysteretic import ARCMIN, BENT, SLIPS, Element, Elements, joint_stiffness, with_elements
+from numpy.testing import assert_allclose
+from scipy.integrate import quad, simpson, solve_ivp
+from scipy.special import hyp2f1
+
+import flexgen
+from flexgen.errors import ArgumentError, ModelError
+from flexgen.memory import hysteresis as layers_of
+from flexgen.memory import hysteresis_law as law
+from flexgen.memory.hysteresis import gear_layers, torque_along
+from flexgen.memory.hysteretic_gears import hysteretic_deflections
+
+KEY = "element.upper.dof.q1.gear"
+DAMPINGS = (f"{KEY}.damping", "element.fore.dof.q2.gear.damping")
+PERIOD = 0.2  # s, of the torques
+LAWS = [(1.0, 0.3), (1.5, 0.0), (2.0, 0.5), (3.7, -0.4), (20.0, 0.0)]
+
+
+def elbow(elements: Sequence[Element], damping: float | None = 0.0) -> flexgen.RobotModel:
+    return with_elements("elbow", elements, **({} if damping is None else dict.fromkeys(DAMPINGS, damping)))
+
+
+def torque(t: np.ndarray | float, size: float) -> Any:
+    """size sin(w t)^3 with a slow part, whose loops are within one another."""
+    w = 2 * np.pi / PERIOD
+    return size * np.sin(w * np.asarray(t)) ** 3 * (1.0 - 0.6 * np.asarray(t))
+
+
+def samples(t: np.ndarray, size: float) -> np.ndarray:
+    """The torque of the first gear, -0.4 of it of the second, and two derivatives (n, 2, 3), by complex steps."""
+    h = 1e-30
+    w, c = 2 * np.pi / PERIOD, 1.0 - 0.6 * t
+    s, cos = np.sin(w * t), np.cos(w * t)
+    first = size * np.imag(np.sin(w * (t + 1j * h)) ** 3 * (1.0 - 0.6 * (t + 1j * h))) / h
+    second = size * (3 * w**2 * s * (2 * cos**2 - s**2) * c - 2 * 0.6 * 3 * w * s**2 * cos)
+    one = np.stack([torque(t, size), first, second], axis=1)
+    return np.stack([one, -0.4 * one], axis=1)
+
+
+@pytest.mark.parametrize(("n", "gamma"), LAWS)
+def test_the_curve_is_the_hypergeometric_function(n: float, gamma: float) -> None:
+    """u = y F(1, 1/n; 1 + 1/n; y^n) while the torque grows, with -(1 - 2 gamma) |y|^n while it falls to zero."""
+    curve = law.curve_of(n, gamma)
+    y = np.linspace(1e-6, 0.999, 400)
+    grows = y * hyp2f1(1, 1 / n, 1 + 1 / n, y**n)
+    falls = -y * hyp2f1(1, 1 / n, 1 + 1 / n, -(1 - 2 * gamma) * y**n)
+    assert_allclose(curve.at(grows), y, rtol=0, atol=3e-12)
+    assert_allclose(curve.at(falls), -y, rtol=0, atol=3e-12)
+    assert_allclose(curve.path(np.concatenate([y, -y])), np.concatenate([grows, falls]), rtol=1e-8, atol=3e-12)
+    assert curve.at(np.array([1e9])) == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(("n", "gamma"), LAWS)
+def test_the_first_loading_is_an_integral(n: float, gamma: float) -> None:
+    """An undamped gear: K_h p/W = int_0^x dx/(1 - x^n) by quadrature, x = (tau - K p)/W."""
+    model = elbow([Element(1.0, 0.7, n, gamma)])
+    K, (layer,) = joint_stiffness(model)[0], gear_layers(model)
+    t = np.linspace(0.0, 0.04, 81)
+    tau = samples(t, 4.0 * layer.slip[0])
+    p, z = hysteretic_deflections(flexgen.derive(model), t, tau)
+    assert_allclose(K * p[:, 0] + z[:, 0], tau[:, 0, 0], rtol=0, atol=1e-9 * layer.slip[0])
+    x = z[:, 0] / layer.slip[0]
+    assert x[-1] > 0.8
+    expected = [quad(lambda v: 1.0 / (1.0 - v**n), 0.0, end, epsrel=1e-12)[0] for end in x]
+    assert_allclose(layer.stiffness[0] * p[:, 0] / layer.slip[0], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("elements", "damping"), [(BENT, 9e3), *(pytest.param(x, 2e3, marks=pytest.mark.slow) for x in (SLIPS, BENT))]
+)
+def test_damped_gears_follow_an_own_integrator(elements: Sequence[Element], damping: float) -> None:
+    """D p' = tau - K p - sum z and each z' in the form with beta, by a library's integrator."""
+    model = elbow(elements, damping)
+    K, D, layers = joint_stiffness(model)[:1], damping, gear_layers(model)
+    t, size, own = (
+        np.linspace(0.0, 0.45, 1801),
+        4.0 * sum(x.slip[0] for x in layers),
+        Elements(elements, K, np.zeros(1)),
+    )
+    p, z = hysteretic_deflections(flexgen.derive(model), t, samples(t, size))
+
+    def rate(at: float, x: np.ndarray) -> np.ndarray:
+        r = (float(torque(at, size)) - K[0] * x[0] - x[1:].sum()) / D
+        return np.array([r, *(r * own.slope(x[1:, None], np.array([np.sign(r)])))[:, 0]])
+
+    start, least = np.zeros(1 + len(layers)), np.array([1e-14] + [1e-9] * len(layers))
+    found = solve_ivp(rate, (0.0, t[-1]), start, "LSODA", t, rtol=1e-10, atol=least, max_step=1e-4)
+    assert_allclose(p[:, 0], found.y[0], rtol=0, atol=1e-7 * np.abs(p[:, 0]).max())
+    assert_allclose(z[:, 0], found.y[1:].sum(axis=0), rtol=0, atol=2e-6 * size / 4)
+
+
+def slips(p: np.ndarray, stiffness: np.ndarray, slip: np.ndarray) -> np.ndarray:
+    """Maxwell's slip model, springs with Coulomb friction behind them: torques (n,) along deflections from rest."""
+    z, out = np.zeros(len(slip)), np.zeros(len(p))
+    for k, change in enumerate(np.diff(p), 1):
+        z = np.clip(z + stiffness * change, -slip, slip)
+        out[k] = z.sum()
+    return out
+
+
+def test_sharp_elements_are_maxwell_slip_with_masings_loop() -> None:
+    """Exponent 20: within 4 % of the slip torques; a loop is twice its first loading, and returns to where it began."""
+    model = elbow([Element(each.lost, each.stiffness, 20.0) for each in SLIPS])
+    layers = gear_layers(model)
+    K_h, W = (np.array([getattr(x, name)[0] for x in layers]) for name in ("stiffness", "slip"))
+    way = np.concatenate([np.linspace(a, b, 1500) for a, b in ((0.0, 1.0), (1.0, -1.0), (-1.0, 0.2), (0.2, -1.0))])
+    p = 1.2 * (W / K_h).max() * way
+    z = torque_along(layers, np.stack([p, 0 * p], axis=1))[:, 0]
+    assert_allclose(z, slips(p, K_h, W), rtol=0, atol=0.04 * W.sum())
+    first, back = z[:1500], z[1500:3000]
+    half = np.interp((p[1499] - p[1500:3000]) / 2, p[:1500], first)
+    assert_allclose((z[1499] - back) / 2, half, rtol=0, atol=0.04 * W.sum())
+    assert z[-1] == pytest.approx(z[2999], abs=0.04 * W.sum())  # the small loop is closed and forgotten
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("elements", [SLIPS, BENT])
+def test_a_cycle_loses_the_area_of_the_loop(elements: Sequence[Element]) -> None:
+    """Of the fourth one: int z dp, and the area between the branches that an integrator in p gives."""
+    model = elbow(elements)
+    layers, K = gear_layers(model), joint_stiffness(model)[:1]
+    a, own = 2e-4, Elements(elements, K, np.zeros(1))
+    p = a * np.sin(np.linspace(0.0, 8 * np.pi, 16_001))
+    z = torque_along(layers, np.stack([p, 0 * p], axis=1))[:, 0]
+    work = sum(simpson(z[k : k + 2001], x=p[k : k + 2001]) for k in (11_000, 13_000))  # from reversal to reversal
+
+    def branch(start: np.ndarray, s: float, length: float = 2 * a) -> Any:
+        def rate(_: float, x: np.ndarray) -> np.ndarray:
+            return np.append(s * own.slope(x[:-1, None], np.array([s]))[:, 0], s * x[:-1].sum())
+
+        return solve_ivp(rate, (0.0, length), np.append(start, 0.0), "DOP853", rtol=1e-11, atol=1e-9).y[:, -1]
+
+    found = [branch(np.zeros(len(layers)), 1.0, a)]
+    for k in range(7):
+        found.append(branch(found[-1][:-1], (-1.0) ** (k + 1)))
+    assert work == pytest.approx(found[-2][-1] + found[-1][-1], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "planted", ["one element", *(pytest.param(x, marks=pytest.mark.slow) for x in ("gamma", "exponent"))]
+)
+def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the stage alone: the simulation integrates the elements itself."""
+    model = elbow(BENT, None)
+    right = flexgen.solve(model, progress=False)
+    assert right.status == "solved" and right.tool_error_max_m < 2e-8
+    own = law.curve_of
+    changes = {"gamma": lambda n, gamma: own(n, -0.5 * gamma), "exponent": lambda n, gamma: own(n + 0.2, gamma)}
+    if planted == "one element":
+        from flexgen.memory import hysteretic_gears as stage
+
+        monkeypatch.setattr(stage, "gear_layers", lambda model: gear_layers(model)[:1])
+    else:
+        monkeypatch.setattr(layers_of, "curve_of", changes[planted])
+    wrong = flexgen.solve(model, verify=False, progress=False)
+    assert flexgen.simulate(model, wrong.trajectory).tool_error_max_m > 1e-6
+
+
+def test_one_element_by_dahls_law_in_parts_is_the_whole() -> None:
+    """Two elements of half the torque and half the stiffness have the bits of none of the others, but their motion."""
+    whole, parts = elbow([Element(1.0, 0.8)]), elbow([Element(0.5, 0.4)] * 2)
+    t = np.linspace(0.0, 0.3, 301)
+    found = [hysteretic_deflections(flexgen.derive(model), t, samples(t, 2e3)) for model in (whole, parts)]
+    for one, two in zip(*found, strict=True):
+        assert_allclose(two, one, rtol=0, atol=1e-12 * np.abs(one).max())
+
+
+def test_a_list_of_one_table_is_the_table() -> None:
+    table = {"lost_motion": 1e-4, "stiffness": 1e6}
+    one, listed = (flexgen.read("elbow", overrides={f"{KEY}.hysteresis": x}) for x in (table, [table]))
+    assert one.elements == listed.elements
+
+
+def test_model_files_keep_the_elements(tmp_path) -> None:
+    model = elbow(BENT, None)
+    again = flexgen.read(flexgen.export_urdf(model, tmp_path / "elbow.urdf").details["overlay"])
+    assert again.coordinates[0].dof.gear.hysteresis == model.coordinates[0].dof.gear.hysteresis
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"exponent": 0.9}, "exponent.*expected a number >= 1, at most 20"),
+        ({"exponent": 21.0}, "exponent"),
+        ({"gamma": 0.6}, "gamma.*expected a number >= -1, at most 0.5"),
+        ({"beta": 0.5}, "beta"),
+    ],
+)
+def test_wrong_numbers_of_an_element_are_refused(given: dict[str, float], told: str) -> None:
+    right = {"lost_motion": 1e-4, "stiffness": 1e6}
+    with pytest.raises(ModelError, match=told):
+        flexgen.read("elbow", overrides={f"{KEY}.hysteresis": [right, right | given]})
+
+
+def test_wrong_lists_are_refused() -> None:
+    right = {"lost_motion": 1e-4, "stiffness": 1e6}
+    for wrong, told in (([], "a list of tables, not empty"), ([right] * 9, "at most 8 tables"), (3.0, "a table")):
+        with pytest.raises(ModelError, match=told):
+            flexgen.read("elbow", overrides={f"{KEY}.hysteresis": wrong})
+
+
+def test_what_takes_one_element_by_dahls_law_refuses_others() -> None:
+    several, bent = elbow(SLIPS), elbow([Element(1.0, 1.0, 2.0)])
+    for model, told in ((several, "a hysteresis with 3 elements"), (bent, "a hysteresis with exponent or gamma")):
+        with pytest.raises(ArgumentError, match=f"identify_gears: given .*, whose gear of q1 has {told}"):
+            flexgen.identify_gears(model, "record.csv")
+
+
+def test_lost_motions_of_elements_are_numbers_of_the_model() -> None:
+    """One by one, those of a gear, and all; a factor changes the torques at which they slip."""
+    from flexgen.mechanics.parameters import select, with_values
+
+    model = elbow(SLIPS)
+    assert [p.name for p in select(model, ["q1.lost_motion"])] == [f"q1.lost_motion_{k}" for k in (1, 2, 3)]
+    assert len(select(model, ["lost_motion"])) == 6 and len(select(model, ["q2.hysteresis_stiffness"])) == 3
+    wide = with_values(model, {"q1.lost_motion_2": 0.6 * ARCMIN})
+    before, after = (np.array([x.slip for x in gear_layers(each)]) for each in (model, wide))
+    assert_allclose(after / before, [[1.0, 1.0], [2.0, 1.0], [1.0, 1.0]], rtol=1e-12)
