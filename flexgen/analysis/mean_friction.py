@@ -14,10 +14,10 @@ from flexgen.model.elements import Friction
 _PANELS, _NODES = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 4.0, 8.0), 6
 
 
-def mean_viscous_change(friction: Friction, sd: ca.SX) -> ca.SX:
+def mean_viscous_change(friction: Friction, sd: ca.SX, temperature: float | ca.SX | None = None) -> ca.SX:
     """``E[f(w) w]/sd^2 - f'(0)`` for a Gaussian speed w with deviation ``sd``; zero at ``sd`` = 0."""
     w = ca.SX.sym("w")
-    torque = friction_torque(friction, w)
+    torque = friction_torque(friction, w, None, temperature)
     others = [x for x in ca.symvar(torque) if not ca.is_equal(x, w)]
     law = ca.Function("law", [w, *others], [torque, ca.gradient(torque, w)])
     at_rest = law(0.0, *others)[1]

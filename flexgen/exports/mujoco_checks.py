@@ -49,7 +49,7 @@ def with_friction(model: RobotModel, kind: str) -> RobotModel:
         return model
 
     def less(friction: Friction) -> Friction:
-        return Friction(viscous=friction.viscous, coulomb=friction.coulomb if kind == "dry" else 0.0)
+        return Friction(friction.viscous_at(model.temperature), friction.coulomb if kind == "dry" else 0.0)
 
     elements = tuple(
         replace(e, dofs=tuple(replace(dof, friction=less(dof.friction)) for dof in e.dofs)) for e in model.elements

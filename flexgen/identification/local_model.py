@@ -35,6 +35,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.force_laws import spring_torque
 from flexgen.mechanics.lagrangian import gears
 from flexgen.model.elements import LinearSpring, RobotModel, Spring
+from flexgen.model.friction import refuse_load
 from flexgen.numerics.evaluate import Evaluator, evaluate
 
 NEWTON_STEPS = 50
@@ -105,6 +106,7 @@ class LocalModel:
     """
 
     def __init__(self, model: RobotModel, parameters: Sequence[str], sensors: Sequence[str] = ()) -> None:
+        refuse_load(model, "identification")
         self.equations = Equations(model, parameters)
         self.model = model
         self.names = tuple(parameter.name for parameter in self.equations.parameters)
@@ -262,7 +264,7 @@ class LocalModel:
                 laws.append((coordinate.dof.friction, np.eye(model.dof)[i], speed_sd[model.n_m + i]))
         for friction, row, sd in laws:
             if not is_linear(friction):
-                D += mean_viscous_change(friction, sd) * ca.SX(ca.DM(np.outer(row, row)))
+                D += mean_viscous_change(friction, sd, model.temperature) * ca.SX(ca.DM(np.outer(row, row)))
         return D
 
     def matrices(

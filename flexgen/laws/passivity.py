@@ -158,17 +158,16 @@ def check_passivity(run: ControlRun, *, low_hz: float = 0.1) -> Passivity:
 
 def _with_viscous_friction(model: RobotModel) -> RobotModel:
     """The model without the other parts of its frictions, whose damping is large only where motions are small."""
+
+    def viscous(friction: Friction) -> Friction:
+        return Friction(viscous=friction.viscous_at(model.temperature))
+
     elements = tuple(
-        replace(element, dofs=tuple(replace(dof, friction=_viscous(dof.friction)) for dof in element.dofs))
+        replace(element, dofs=tuple(replace(dof, friction=viscous(dof.friction)) for dof in element.dofs))
         for element in model.elements
     )
-    return replace(
-        model, elements=elements, motors=tuple(replace(m, friction=_viscous(m.friction)) for m in model.motors)
-    )
-
-
-def _viscous(friction: Friction) -> Friction:
-    return Friction(viscous=float(getattr(friction, "viscous", 0.0)))
+    motors = tuple(replace(motor, friction=viscous(motor.friction)) for motor in model.motors)
+    return replace(model, elements=elements, motors=motors)
 
 
 def _margins(loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndarray], hz: np.ndarray) -> np.ndarray:

@@ -24,7 +24,13 @@ from flexgen.memory.hysteresis import Layer, gear_layers, without_hysteresis
 from flexgen.memory.lugre import MotorBristles, motor_bristles, without_lugre
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
-from flexgen.simulation.hysteretic_rate import deflection_rates, generalized_force, motor_force, motor_speeds
+from flexgen.simulation.hysteretic_rate import (
+    deflection_rates,
+    friction_changes,
+    generalized_force,
+    motor_force,
+    motor_speeds,
+)
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,8 @@ def _rate(equations: Equations, layers: Sequence[Layer], bristled: bool) -> ca.F
     )
     slip, per_slip, law = ca.SX.sym("slip", n_z), ca.SX.sym("per_slip", n_z), ca.SX.sym("law", 6 * n_m * bristled)
     torques = ca.vertsplit(slip * share, n_g)
-    forces = generalized_force(equations.with_symbols, sum(torques[1:], torques[0]), lag.q_m)
+    z = sum(torques[1:], torques[0])
+    forces = generalized_force(equations.with_symbols, z, lag.q_m) - motor_force(model, friction_changes(equations, z))
     rate = deflection_rates(equations)
     parts = zip(layers, ca.vertsplit(share, n_g), strict=True)
     more = per_slip * ca.vertcat(*[layer.rates(rate, part, np.ones(n_g)) for layer, part in parts])

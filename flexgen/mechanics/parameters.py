@@ -300,7 +300,7 @@ def _friction(friction: Friction, name: str, part: str, units: Units, key: str, 
                     f"friction of {part}",
                     f"{key}.friction.{field.name}",
                 ),
-                *(("friction", f"{name}.friction") if value != field.default else ()),
+                *(("friction", f"{name}.friction") if value != 0.0 and not field.metadata["alone"] else ()),
             )
             for field in fields(friction)
             for value in (getattr(friction, field.name),)

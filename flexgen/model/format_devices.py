@@ -174,9 +174,9 @@ def check_motors(table: Table, here: Context) -> None:
             _check_error(place, gear, joint, drivers)
     for motor in found:
         behind = [gears[joint] for joint in motor.drives if joint in gears]
-        untold = any(gear.rigid or gear.hysteresis is not None for gear in behind)
-        if untold and isinstance(motor.friction, GearFriction) and motor.friction.loaded:
-            expected = "no load_coulomb, load_stribeck or load_smoothing: its gear is rigid or has hysteresis"
+        loaded = isinstance(motor.friction, GearFriction) and motor.friction.loaded
+        if loaded and any(gear.rigid for gear in behind):
+            expected = "no load_coulomb, load_stribeck or load_smoothing, since its gear is rigid"
             raise here.names["motor"][motor.name].fail("friction", expected, "friction that depends on the gear torque")
     if len(found) != len(gears):
         expected = f"as many motors as actuated degrees of freedom, {len(gears)}"

@@ -12,6 +12,7 @@ from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, Robot
 from flexgen.model.format_robot import COGGING, ENCODER_ERROR, GEAR, JOINT_SPRING, RIPPLE, friction
 from flexgen.model.reader import model_names, read
 from flexgen.spec.memory import LUGRE
+from flexgen.spec.parts import GearFriction
 from flexgen.spec.schema import write
 from flexgen.type_checks import checked_types
 
@@ -122,12 +123,13 @@ def describe(
         robot = read(model, variant, overrides)
         for error in _invalid_variants(robot).values():
             raise error
+    warm = any(isinstance(motor.friction, GearFriction) for motor in robot.motors)
     return {
         **_fields(robot, "name", "variant", "description"),
         "source": " ".join(robot.source.split()),
         "file": robot.file,
         **counts(robot),
-        **_fields(robot, "gravity", "motor_coupling", "home"),
+        **_fields(robot, "gravity", "motor_coupling", "home", *["temperature"] * warm),
         "bodies": [_fields(element, "name") | _fields(element.body, "mass", "com") for element in robot.elements],
         "coordinates": [_coordinate(c) for c in robot.coordinates],
         "motors": [_motor(robot, m) for m in robot.motors],

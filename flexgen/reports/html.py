@@ -131,6 +131,7 @@ def _summary_row(figure: Figure) -> tuple[str, str, str]:
 
 def _friction(f: Friction) -> str:
     named = [("viscous", f.viscous), ("Coulomb", f.coulomb), ("Stribeck", f.stribeck), ("offset", f.offset)]
+    named += [(f"{kind} by load", getattr(f, f"load_{kind.lower()}", 0.0)) for kind in ("Coulomb", "Stribeck")]
     return ", ".join(f"{name} {number(value)}" for name, value in named if value) or "none"
 
 

@@ -6,10 +6,12 @@ import casadi as ca
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.force_laws import friction_torque
 from flexgen.mechanics.motor_harmonics import gear_rates
 from flexgen.memory.hysteresis import gear_layers
 from flexgen.memory.lugre import bristle_rates, motor_bristles
 from flexgen.model.elements import RobotModel
+from flexgen.spec.parts import GearFriction
 
 
 def generalized_force(model: RobotModel, z: ca.SX, q_m: ca.SX) -> ca.SX:
@@ -21,6 +23,18 @@ def generalized_force(model: RobotModel, z: ca.SX, q_m: ca.SX) -> ca.SX:
     for k, j in enumerate(model.i_m):
         forces[model.n_a + k] -= on_motors[j]
     return forces
+
+
+def friction_changes(equations: Equations, z: ca.SX) -> ca.SX:
+    """Changes of the friction torques (n_m,) [N m] by additional gear torques ``z`` (n_g,), part of the load."""
+    model, lag, changes = equations.with_symbols, equations.lagrangian, ca.SX.zeros(equations.model.n_m)
+    on_motors = ca.mtimes(gear_rates(model, lag.q_m).T, z)
+    for j, motor in enumerate(model.motors):
+        if isinstance(motor.friction, GearFriction) and motor.friction.loaded:
+            loads = lag.tau_gm[j] + on_motors[j], lag.tau_gm[j]
+            more, less = (friction_torque(motor.friction, lag.v_m[j], load, model.temperature) for load in loads)
+            changes[j] = more - less
+    return changes
 
 
 def deflection_rates(equations: Equations) -> ca.SX:
@@ -72,10 +86,11 @@ def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
     if any(layer.present.any() for layer in layers):
         parts, rate = ca.vertsplit(z[: len(layers) * model.n_g], model.n_g), deflection_rates(equations)
         z_g = sum(parts[1:], parts[0])
-        forces += generalized_force(model, z_g, lag.q_m)
+        braked = friction_changes(equations, z_g)
+        forces += generalized_force(model, z_g, lag.q_m) - motor_force(model, braked)
         for layer, part in zip(layers, parts, strict=True):
             rates.append(ca.DM(layer.stiffness) * layer.rates(rate, part, layer.divisor))
-        taken += ca.dot(z_g, rate)
+        taken += ca.dot(z_g, rate) + ca.dot(braked, lag.v_m)
     if motors.present.any():
         v_m = motor_speeds(equations)
         dz, braking = bristle_rates(motors, v_m, z[z.numel() - model.n_m :])

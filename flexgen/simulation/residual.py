@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.motor_harmonics import carried_along, gear_angles_along
-from flexgen.model.friction import bristled_motors, hysteretic_joints
+from flexgen.mechanics.motor_harmonics import carried_along, friction_along, gear_angles_along
+from flexgen.model.friction import bristled_motors, hysteretic_joints, loaded_motors
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.growth import Motion
 from flexgen.torque_curve import spline, torque_curve
@@ -33,7 +33,13 @@ def midpoint_residual(equations: Equations, motion: Motion, limited: bool = Fals
     if hysteretic_joints(model):
         z = spline(t, _hysteresis(equations, motion))(middle)
         r_a[:, list(model.i_g)] -= z
-        r_m += carried_along(model, between[3], z)
+        more = carried_along(model, between[3], z)
+        r_m += more
+        if loaded_motors(model):
+            q_a, v_a, _, q_m, v_m, _ = between
+            springs = evaluate(equations.function("gear_torque"), q_a, v_a, q_m, v_m)[0].reshape(n, -1)
+            carried, law = carried_along(model, q_m, springs), equations.function
+            r_m += friction_along(law, model, v_m, carried + more) - friction_along(law, model, v_m, carried)
     if bristled_motors(model):
         braking = spline(t, _bristles(equations, motion))(middle)
         r_m += braking

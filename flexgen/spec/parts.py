@@ -52,14 +52,25 @@ class Beam:
 
 
 def friction_key(
-    unit: str, doc: str = "", *, signed: bool = False, needs: str = "", most: float = math.inf, default: float = 0.0
+    unit: str,
+    doc: str = "",
+    *,
+    signed: bool = False,
+    needs: str = "",
+    most: float = math.inf,
+    default: float = 0.0,
+    alone: bool = False,
 ) -> Any:
     """A number of a friction law, which is also a key of the model file.
 
     ``unit`` is that of a rotation; ``[]`` in the text is replaced by it. A number that is not ``signed`` must be >= 0,
-    and none above ``most``. ``needs`` names other numbers that must be > 0 where this one is not 0.
+    and none above ``most``. ``needs`` names other numbers that must be > 0 where this one is not 0. A number that is
+    ``alone`` is a run-time parameter by its own name only, and no plant with another friction changes it.
     """
-    return field(default=default, metadata={"unit": unit, "doc": doc, "signed": signed, "needs": needs, "most": most})
+    return field(
+        default=default,
+        metadata={"unit": unit, "doc": doc, "signed": signed, "needs": needs, "most": most, "alone": alone},
+    )
 
 
 @dataclass(frozen=True)
@@ -80,6 +91,10 @@ class Friction:
     alpha: float = friction_key("s/rad", "decay of the Stribeck friction with the speed")
     beta: float = friction_key("s/rad", "steepness of the Coulomb friction at zero speed")
     offset: float = friction_key("N m", "constant torque against positive motion", signed=True)
+
+    def viscous_at(self, temperature: float) -> float:
+        """Viscous friction [N m s/rad] at a temperature [deg C]."""
+        return self.viscous
 
 
 @dataclass(frozen=True)
@@ -107,18 +122,29 @@ class GearFriction(Friction):
     )
     load_alpha: float = friction_key("s/rad", "decay of load_stribeck with the speed")
     load_smoothing: float = friction_key(
-        "N m", "rounds the magnitude of the gear torque at zero: sqrt(torque^2 + load_smoothing^2) - load_smoothing"
+        "N m",
+        "rounds the magnitude of the gear torque at zero: sqrt(torque^2 + load_smoothing^2) - load_smoothing",
+        alone=True,
     )
     reference_temperature: float = friction_key(
-        "deg C", "temperature at which viscous, stribeck and alpha hold", signed=True, default=20.0
+        "deg C", "temperature at which viscous, stribeck and alpha hold", signed=True, default=20.0, alone=True
     )
-    temperature_rise: float = friction_key("K", "temperature of this motor above that of the robot", signed=True)
+    temperature_rise: float = friction_key(
+        "K", "temperature of this motor above that of the robot", signed=True, alone=True
+    )
     viscous_share: float = friction_key(
         "", "part of the viscous friction, at most 1, that decays with the temperature", needs="viscous_decay", most=1.0
     )
     viscous_decay: float = friction_key("K", "temperature over which it decays by the factor e")
     stribeck_slope: float = friction_key("N m/K", "change of stribeck", signed=True, needs="beta alpha")
     stribeck_speed_slope: float = friction_key("rad/s/K", "change of the speed 1/alpha", signed=True, needs="alpha")
+
+    def viscous_at(self, temperature: float) -> float:
+        """Viscous friction F_v [N m s/rad] at a temperature of the robot [deg C]."""
+        if self.viscous_share == 0.0:
+            return self.viscous
+        warmer = temperature + self.temperature_rise - self.reference_temperature
+        return self.viscous * (1 + self.viscous_share * math.expm1(-warmer / self.viscous_decay))
 
     @property
     def loaded(self) -> bool:

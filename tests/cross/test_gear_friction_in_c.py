@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gear_friction import NUMBERS, loaded
-from states_in_c import path_of, stream_errors
+from states_in_c import GEARS, path_of, stream_errors
 from toolchain import needs_compiler
 
 import flexgen
@@ -27,13 +27,16 @@ SUMS = {
     "motor.m2.cogging": {"harmonics": [6], "sin": [0.1]},
 }
 
+LOSSY = {f"{gear}.hysteresis": {"lost_motion": 3e-4, "stiffness": 4e6} for gear in GEARS.values()}
+MORE: dict[str, dict[str, Any]] = {"": {}, "harmonic": SUMS, "hysteresis": LOSSY}
+
 
 @cache
 def robot(kind: str = "") -> flexgen.RobotModel:
-    """The elbow with this friction in both motors, and with Fourier sums of their angles."""
+    """The elbow with this friction in both motors, and with Fourier sums of their angles or hysteresis of the gears."""
     table = {"type": "gear", **NUMBERS}
     frictions = {f"motor.{name}.friction": table for name in ("m1", "m2")}
-    return flexgen.read("elbow", overrides=frictions | (SUMS if kind == "harmonic" else {}))
+    return flexgen.read("elbow", overrides=frictions | MORE[kind])
 
 
 def functions_of(model: flexgen.RobotModel) -> list[str]:
@@ -64,7 +67,9 @@ def error_of(library: Library, kind: str = "") -> float:
     return float(np.abs(found.tau_m[:n] - path["tau_m"][:n]).max() / np.abs(path["tau_m"]).max())
 
 
-@pytest.mark.parametrize("kind", ["", pytest.param("harmonic", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "kind", ["", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("harmonic", "hysteresis"))]
+)
 def test_whole_paths_and_streams_are_those_of_python(kind: str) -> None:
     library = library_of(robot(kind))
     assert error_of(library, kind) < SAME

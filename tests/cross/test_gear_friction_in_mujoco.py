@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from gear_friction import error_in_mujoco, loaded
+from hysteretic import ARCMIN
 
 import flexgen
 
@@ -34,3 +35,12 @@ def test_a_robot_without_load_does_not_follow_the_torques_for_one() -> None:
     """The referee tells the two robots apart: it is planted the wrong robot."""
     path = flexgen.solve(loaded("elbow"), verify=False, progress=False).trajectory
     assert error_in_mujoco("elbow", path, **NO_LOAD) > 1e-4
+
+
+@pytest.mark.slow
+def test_hysteresis_of_the_gears_is_in_the_load() -> None:
+    """1 arcmin of lost motion in robot and inverse; the planted robot has the load of the springs alone."""
+    path = flexgen.solve(loaded("elbow", 40.0, ARCMIN), verify=False, progress=False).trajectory
+    assert error_in_mujoco("elbow", path, 40.0, ARCMIN) < 2e-8
+    simulated = flexgen.simulate(loaded("elbow", 40.0, ARCMIN), path, feedback="ppi")
+    assert simulated.tool_error_max_m < 1e-9

@@ -12,8 +12,11 @@ from scipy.integrate import solve_ivp
 
 import flexgen
 from flexgen.errors import ArgumentError, BuildError, ModelError
+from flexgen.exports.mujoco_checks import with_friction
+from flexgen.loop.plants import plants_of
 from flexgen.mechanics import force_laws
 from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation import hysteretic_rate
 
 SPEEDS = np.linspace(-60.0, 60.0, 41)
 LOADS = np.array([-30.0, -0.1, 0.0, 0.2, 7.0])
@@ -126,6 +129,18 @@ def test_simulation_and_loop_have_the_friction() -> None:
     assert errors[0] < 1e-6 < 1e-5 < errors[1]
 
 
+def test_hysteresis_is_in_the_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulation, residual of the status and loop; a planted error: the load of the springs alone in the simulation."""
+    robot = loaded("elbow", lost_motion=3e-4)
+    solution = flexgen.solve(robot, progress=False)
+    assert solution.status == "solved" and solution.simulation.tool_error_max_m < 1e-9
+    run = flexgen.control(robot, solution=solution, progress=False)
+    assert run.distance(run.runs[0]).max() < 1e-9
+    monkeypatch.setattr(hysteretic_rate, "friction_changes", lambda e, z: 0.0 * e.lagrangian.v_m)
+    again = loaded("elbow", lost_motion=3.0000001e-4)  # of another robot, whose rate is not known yet
+    assert flexgen.simulate(again, solution.trajectory, feedback="ppi").tool_error_max_m > 1e-7
+
+
 def test_energy_that_is_lost_is_that_of_the_friction() -> None:
     """d(energy)/dt = P_motor - P_dissipated at random states."""
     e = flexgen.derive(loaded("elbow", 35.0))
@@ -162,13 +177,9 @@ def test_wrong_tables_are_refused(changes: dict[str, Any], text: str) -> None:
         flexgen.read("elbow", overrides=changes)
 
 
-LOSSY = ELASTIC[:-2] + ", hysteresis = { lost_motion = 1e-3, stiffness = 400 } }"
-
-
-@pytest.mark.parametrize("gear", ['{ type = "rigid" }', LOSSY])
-def test_gears_whose_torque_is_not_known_are_refused(tmp_path: Any, gear: str) -> None:
-    with pytest.raises(ModelError, match="rigid or has hysteresis"):
-        drive(tmp_path, gear)
+def test_rigid_gears_whose_torque_depends_on_the_friction_are_refused(tmp_path: Any) -> None:
+    with pytest.raises(ModelError, match="its gear is rigid"):
+        drive(tmp_path, '{ type = "rigid" }')
 
 
 def test_temperature_alone_is_allowed_behind_rigid_gears(tmp_path: Any) -> None:
@@ -182,6 +193,12 @@ def test_temperature_alone_is_allowed_behind_rigid_gears(tmp_path: Any) -> None:
     assert np.abs(change).max() > 1e-2
 
 
+def test_viscous_friction_alone_is_that_of_the_temperature() -> None:
+    """As in an MJCF file; the slope of the law at high speed."""
+    found = with_friction(loaded("elbow", 50.0), "viscous").motors[0].friction
+    assert found.viscous == pytest.approx((torque(3e3, 0.0, 50.0) - torque(2e3, 0.0, 50.0)) / 1e3, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     "call",
     [
@@ -189,7 +206,11 @@ def test_temperature_alone_is_allowed_behind_rigid_gears(tmp_path: Any) -> None:
         lambda robot: flexgen.fastest(robot),
         lambda robot: flexgen.derive(robot).function("motor_friction"),
         lambda robot: flexgen.generate(robot, functions=["motor_friction"]),
-        lambda robot: flexgen.export_mujoco(robot, "never.xml"),
+        lambda robot: flexgen.export_mujoco(robot, "never.xml", friction="viscous"),
+        lambda robot: flexgen.export_ros2(robot, "never"),
+        lambda robot: flexgen.excite(robot),
+        lambda robot: flexgen.feedback_study(robot),
+        lambda robot: flexgen.plan_problem(robot),
         lambda robot: flexgen.CollisionDetector(robot, 1e-3),
     ],
 )
@@ -199,10 +220,17 @@ def test_what_does_not_know_it_refuses_it(call: Any, tmp_path: Any, monkeypatch:
         call(loaded("elbow"))
 
 
-def test_a_change_of_the_friction_of_a_plant_scales_its_torques() -> None:
-    from flexgen.loop.plants import plants_of
+def test_a_description_has_table_and_temperature() -> None:
+    """The table can be read again."""
+    found = flexgen.describe(loaded("elbow", 31.0))
+    assert found["temperature"] == 31.0 and "temperature" not in flexgen.describe("elbow")
+    again = flexgen.read("elbow", overrides={"motor.m1.friction": found["motors"][0]["friction"]})
+    assert again.motors[0].friction == loaded("elbow").motors[0].friction
 
-    found = plants_of(loaded("elbow"), {"more": {"friction": 2.0}})
-    values = dict(zip([p.name for p in found.parameters], found.values[0], strict=True))
-    assert values["m1.load_coulomb"] == 2 * NUMBERS["load_coulomb"]
-    assert values["m1.stribeck_slope"] == 2 * NUMBERS["stribeck_slope"] and "m1.load_alpha" not in values
+
+def test_a_plant_with_twice_the_friction_has_twice_its_torque() -> None:
+    """The numbers of the plant that `plants_of` finds, in the law."""
+    found = plants_of(loaded("elbow", 35.0), {"more": {"friction": 2.0}})
+    values = {p.name: x for p, x in zip(found.parameters, found.values[0], strict=True)}
+    twice = {name: values.get(f"m1.{name}", value) for name, value in NUMBERS.items()}
+    assert_allclose(torque(SPEEDS, 3.0, 35.0, **twice), 2 * torque(SPEEDS, 3.0, 35.0), rtol=1e-14)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from hysteretic import joint_stiffness, tool_error_in_mujoco
+from hysteretic import joint_stiffness, tool_error_in_mujoco, with_lost_motion
 
 import flexgen
 from flexgen.trajectory import Trajectory
@@ -27,10 +27,15 @@ NUMBERS: dict[str, float] = {
 }
 
 
-def loaded(name: str, temperature: float = 20.0, **changed: float) -> flexgen.RobotModel:
-    """A model of models/ all of whose motors have this friction."""
+def loaded(name: str, temperature: float = 20.0, lost_motion: float = 0.0, **changed: float) -> flexgen.RobotModel:
+    """A model of models/ all of whose motors have this friction; its gears have the ``lost_motion`` [rad]."""
     table: dict[str, Any] = {"type": "gear", **NUMBERS, **changed}
-    made: dict[str, Any] = {f"motor.{motor.name}.friction": table for motor in flexgen.read(name).motors}
+    model = flexgen.read(name)
+    made: dict[str, Any] = {f"motor.{motor.name}.friction": table for motor in model.motors}
+    for element in model.elements if lost_motion else ():
+        for dof in (dof for dof in element.dofs if dof.gear is not None):
+            own = {"lost_motion": lost_motion, "stiffness": dof.gear.spring.stiffness}
+            made[f"element.{element.name}.dof.{dof.name}.gear.hysteresis"] = own
     return flexgen.read(name, overrides=made | {"temperature": temperature})
 
 
@@ -48,18 +53,26 @@ def torque(v: Any, load: Any, temperature: float = 20.0, **changed: float) -> An
 
 
 def error_in_mujoco(
-    name: str, path: Trajectory, temperature: float = 20.0, *, step: float = 1e-4, **changed: float
+    name: str,
+    path: Trajectory,
+    temperature: float = 20.0,
+    lost_motion: float = 0.0,
+    **changed: float,
 ) -> float:
     """Tool error [m] of a robot in MuJoCo whose motors have this friction, gear torques by its own springs."""
     model = flexgen.read(name)
     K, inverse, own = joint_stiffness(model), np.linalg.inv(model.eta), _own_viscous(model)
     D = np.array([_damping(model, k) for k in range(model.n_g)])
 
-    def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
-        load = inverse.T @ (K * (inverse @ q_m - q_g) + D * (inverse @ v_m - v_g))
-        return 0.0, own * v_m - torque(v_m, load, temperature, **changed), tau
+    start = inverse @ path["q_m"][0] - path["q_a"][0][list(model.i_g)]
+    lossy, kept = with_lost_motion(name, lost_motion, start)
 
-    return tool_error_in_mujoco(name, path, law, step=step)
+    def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
+        z, on_motors, _ = lossy(q_g, v_g, q_m, v_m, tau) if lost_motion else (0.0, 0.0, tau)
+        load = inverse.T @ (K * (inverse @ q_m - q_g) + D * (inverse @ v_m - v_g) + z)
+        return z, on_motors + own * v_m - torque(v_m, load, temperature, **changed), tau
+
+    return tool_error_in_mujoco(name, path, law, kept)
 
 
 def _own_viscous(model: flexgen.RobotModel) -> np.ndarray:

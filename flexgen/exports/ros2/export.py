@@ -17,6 +17,7 @@ from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import propose_gains
+from flexgen.model.friction import refuse_load
 from flexgen.numerics.evaluate import evaluate
 from flexgen.spec.ports import CPP_KEYWORDS
 from flexgen.type_checks import checked_types
@@ -84,16 +85,16 @@ def export_ros2(
     exports/flexgen_elbow
     """
     library = emit(model, streams=controller)
+    refuse_load(library.model, "export_ros2")
     name = library.name
     chosen = _package_name(package, name)
     if not _EMAIL.match(email):
         raise ArgumentError(f"email: given {email!r}, expected an address such as name@example.com")
     if gains == "proposed":
         gains = propose_gains(library.equations) if controller else None
-    gains = gains or None
-    if gains is not None and not controller:
+    if gains and not controller:
         raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")
-    words = _words(library, chosen, controller, gains)
+    words = _words(library, chosen, controller, gains or None)
     words |= {
         "VERSION": __version__,
         "MODEL": name,
@@ -102,7 +103,7 @@ def export_ros2(
         "MAINTAINER": xml_text(maintainer),
         "LICENSE": xml_text(license_name),
     }
-    notes = (OPEN_GAINS,) * (controller and gains is None)
+    notes = (OPEN_GAINS,) * (controller and not gains)
     texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
     for file, path in _files(chosen, controller).items():
         texts[path] = _render(file, chosen, name, words)
