@@ -1,9 +1,9 @@
 /*
  * model: deflections of gears with hysteresis that carry given torques; private.
  *
- *     tau_g = spring(p) + D p' + z,    z' = K_h (p' - |p'| z / W)
+ *     tau_g = spring(p) + D p' + sum z,    z' = K_h (p' - |p'| z / W) of each of ELEMENTS elements
  *
- * As long as a deflection p moves in one direction s, z is a function of it,
+ * As long as a deflection p moves in one direction s, each z is a function of it,
  *
  *     z = s W + (z_r - s W) exp(-s K_h (p - p_r) / W),
  *
@@ -33,12 +33,13 @@ typedef real gear_lanes[GEARS];
 
 /* The gears on their branches. A rigid gear, and a lane without gear, has no motion: kept = 1, flow = 0. */
 typedef struct {
-    gear_lanes p, p_r, z_r, s;               /* deflection; the last reversal, and the direction since then */
-    gear_lanes kept, flow;                   /* 1 and period / D of a damped gear; 0 and 0 of an undamped one */
-    gear_lanes stiffness, steep, slip, bend; /* spring at zero; K_h / W, W; how it changes, relative */
-    gear_lanes x[STAGES], before;            /* deflections of the last step: its stages, and where it began */
-    real ahead[STAGES][STAGES + 1];          /* weights of before and x in the next guess */
-    int linear, passes;                      /* whether all springs are; passes left in this interval */
+    gear_lanes p, p_r, z_r[ELEMENTS], s;        /* deflection; the last reversal, and the direction since then */
+    gear_lanes kept, flow;                      /* 1 and period / D of a damped gear; 0 and 0 of an undamped one */
+    gear_lanes stiffness, bend;                 /* spring at zero; how it changes, relative */
+    gear_lanes steep[ELEMENTS], slip[ELEMENTS]; /* K_h / W, W; the first element is there where any is */
+    gear_lanes x[STAGES], before;               /* deflections of the last step: its stages, and where it began */
+    real ahead[STAGES][STAGES + 1];             /* weights of before and x in the next guess */
+    int linear, passes;                         /* whether all springs are; passes left in this interval */
 } branches;
 
 /* The torques of all gears between two samples, as coefficients of the part of the interval. */
@@ -89,29 +90,45 @@ static inline int begin_branches(branches *b, real period, const real *p, real *
         for (int stage = 0; stage < STAGES; ++stage) {
             b->x[stage][i] = b->p[i];
         }
-        b->z_r[i] = 0.0;
         b->s[i] = 1.0;
         b->kept[i] = D > 0.0 ? 1.0 : 0.0;
         b->flow[i] = elastic && D > 0.0 ? period / D : 0.0;
         b->stiffness[i] = elastic ? at_zero[k] : 0.0;
-        b->slip[i] = elastic ? hysteresis_slip[k] : 0.0;
-        b->steep[i] = b->slip[i] > 0.0 ? hysteresis_stiffness[k] / b->slip[i] : 0.0;
-        b->bend[i] = b->steep[i] + (elastic && !gear_is_linear[k] ? 1e6 : 0.0);
+        b->bend[i] = 0.0;
+        for (int e = 0; e < ELEMENTS; ++e) {
+            b->z_r[e][i] = 0.0;
+            b->slip[e][i] = elastic ? hysteresis_slip[e][k] : 0.0;
+            b->steep[e][i] = b->slip[e][i] > 0.0 ? hysteresis_stiffness[e][k] / b->slip[e][i] : 0.0;
+            b->bend[i] = b->steep[e][i] > b->bend[i] ? b->steep[e][i] : b->bend[i];
+        }
+        b->bend[i] += elastic && !gear_is_linear[k] ? 1e6 : 0.0;
         b->linear = b->linear && (!elastic || gear_is_linear[k]);
     }
     return 1;
 }
 
-/* Torques z of the hysteresis at the deflections x, lanes from i on, and how they rise. */
-MODEL_INLINE lanes branch_torque(const branches *b, int i, const lanes x, lanes *rise)
+/* Torques z of element e at the deflections x, lanes from i on, and how they rise. */
+MODEL_INLINE lanes element_torque(const branches *b, int e, int i, const lanes x, lanes *rise)
 {
-    const lanes s = load_v(b->s + i), slip = load_v(b->slip + i), z_r = load_v(b->z_r + i);
-    const lanes end = s * slip, steep = load_v(b->steep + i);
+    const lanes s = load_v(b->s + i), slip = load_v(b->slip[e] + i), z_r = load_v(b->z_r[e] + i);
+    const lanes end = s * slip, steep = load_v(b->steep[e] + i);
     /* Newton's method may try a deflection behind the reversal: there the branch is its tangent */
     const lanes passed = s * steep * (x - load_v(b->p_r + i)), zero = splat_v(0.0);
     const lanes fade = exp_v(-fmax_v(passed, zero));
     *rise = steep * (slip - s * z_r) * fade;
     return end + (z_r - end) * fade * (1.0 - fmin_v(passed, zero));
+}
+
+/* The same of all elements. */
+MODEL_INLINE lanes branch_torque(const branches *b, int i, const lanes x, lanes *rise)
+{
+    lanes z = element_torque(b, 0, i, x, rise);
+    for (int e = 1; e < ELEMENTS; ++e) {
+        lanes more;
+        z += element_torque(b, e, i, x, &more);
+        *rise += more;
+    }
+    return z;
 }
 
 /* What a part of a step gives. */
@@ -217,7 +234,7 @@ static inline int along_branches(
 static inline int returns(const branches *b, const branch_motion *m, real share, int i)
 {
     const real flow = b->flow[i], least = share * (1e-3 + fabs_1(m->x[STAGES - 1][i]));
-    if (!(m->forward[i] < 0.0 && b->slip[i] > 0.0)) {
+    if (!(m->forward[i] < 0.0 && b->slip[0][i] > 0.0)) {
         return 0;
     }
     return b->kept[i] > 0.0 ? flow * m->forward[i] < -least * (1.0 + flow * m->slope[i]) :
@@ -331,9 +348,11 @@ static inline int advance_branches(branches *b, const quintics *q, real *space)
         }
         for (int i = 0; i < GEARS; i += LANES) {
             const lanes end = load_v(m.x[STAGES - 1] + i), is = load_v(turned + i), s = load_v(b->s + i);
-            lanes rise, z = branch_torque(b, i, end, &rise);
+            for (int e = 0; e < ELEMENTS; ++e) {
+                lanes rise, z = element_torque(b, e, i, end, &rise);
+                store_v(b->z_r[e] + i, select_v(is, z, load_v(b->z_r[e] + i)));
+            }
             store_v(b->p_r + i, select_v(is, end, load_v(b->p_r + i)));
-            store_v(b->z_r + i, select_v(is, z, load_v(b->z_r + i)));
             store_v(b->s + i, select_v(is, -s, s));
             store_v(b->p + i, select_v(is, end, load_v(b->p + i)));
             store_v(begin + i, select_v(is, load_v(at + i), load_v(begin + i)));
@@ -367,16 +386,18 @@ static inline int correct_branches(branches *b, const quintics *q, real *space)
     return 1;
 }
 
-/* Numbers of a gear from which its motion continues: deflection, last reversal, direction. */
-enum { BRANCH = 4 };
+/* Numbers of a gear from which its motion continues: deflection, direction, last reversal. */
+enum { BRANCH = 3 + ELEMENTS };
 
 /* Keep them in x, gear after gear for each number. */
 static inline void keep_branches(const branches *b, real *x)
 {
     copy(b->p, NG, x);
     copy(b->p_r, NG, x + NG);
-    copy(b->z_r, NG, x + 2 * NG);
-    copy(b->s, NG, x + 3 * NG);
+    copy(b->s, NG, x + 2 * NG);
+    for (int e = 0; e < ELEMENTS; ++e) {
+        copy(b->z_r[e], NG, x + (3 + e) * NG);
+    }
 }
 
 /* The gears as they were kept. */
@@ -384,8 +405,10 @@ static inline void take_branches(branches *b, const real *x)
 {
     copy(x, NG, b->p);
     copy(x + NG, NG, b->p_r);
-    copy(x + 2 * NG, NG, b->z_r);
-    copy(x + 3 * NG, NG, b->s);
+    copy(x + 2 * NG, NG, b->s);
+    for (int e = 0; e < ELEMENTS; ++e) {
+        copy(x + (3 + e) * NG, NG, b->z_r[e]);
+    }
 }
 
 /*

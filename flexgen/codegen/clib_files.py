@@ -15,10 +15,10 @@ from flexgen.codegen.c_text import comment, declaration, macro, size_macro
 from flexgen.codegen.clib_types import CFunction, Enum, Field, Struct
 from flexgen.codegen.constants_header import (
     constants_header,
+    count_elements,
     has_positions,
     is_bristled,
     is_harmonic,
-    is_hysteretic,
     is_loaded,
     space_of,
 )
@@ -109,7 +109,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
     has = {
         "FORCE": spec.force,
-        "HYSTERESIS": is_hysteretic(spec),
+        "HYSTERESIS": count_elements(spec) > 0,
         "HARMONICS": is_harmonic(spec),
         "LOAD": is_loaded(spec),
         "LUGRE": is_bristled(spec),
@@ -197,7 +197,7 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
     sizes = {**spec.sizes, "n_t": n_t + more}
-    has = is_hysteretic(spec), has_positions(spec), is_bristled(spec)
+    has = count_elements(spec), has_positions(spec), is_bristled(spec)
     size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, *has)
     arithmetic = {}
     for f in used:
@@ -309,7 +309,8 @@ def stack_bytes(spec: LibrarySpec) -> int:
     at_rest = n_a * (n_a + 4 * n_y + 3 * n_e + 16)
     zeros = 3 * n_e * (n_e + 1) + 40 * n_e  # of A, D, K at an end; or eight rows of a step
     servo = has_positions(spec) * (11 * n_g + 3)
-    branches = is_hysteretic(spec) * (80 * (n_g + 8) + 16 * n_g)  # of gears with hysteresis: arrays of lanes
+    elements = count_elements(spec)  # of gears with hysteresis: arrays of lanes
+    branches = (elements > 0) * (80 * (n_g + 8) + 16 * n_g) + 3 * max(0, elements - 1) * (n_g + 8)
     waves = is_harmonic(spec) * 160 * spec.sizes["n_m"]  # of motors with Fourier sums: motion and factors, in points
     bristles = is_bristled(spec) * (10 * spec.sizes["n_m"] + 80)
     return -(-(8 * (at_rest + zeros + branches + waves + bristles + servo) + 10_000) // 1024) * 1024

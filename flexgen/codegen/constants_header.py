@@ -12,9 +12,9 @@ from flexgen.expressions.literals import literal
 from flexgen.mechanics.signatures import INVERTING
 
 
-def is_hysteretic(spec: LibrarySpec) -> bool:
-    """Whether the library inverts a model some of whose gears have hysteresis."""
-    return spec.motor_constants is not None and any(spec.motor_constants.hysteresis_slip)
+def count_elements(spec: LibrarySpec) -> int:
+    """The most elements of hysteresis that a gear has, of a model that the library inverts; zero: none."""
+    return 0 if spec.motor_constants is None else sum(map(any, spec.motor_constants.hysteresis_slip))
 
 
 def is_harmonic(spec: LibrarySpec) -> bool:
@@ -63,11 +63,14 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         body = ",\n".join(f"    {join(row)}" for row in A)
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
     text += f"static const real rotor_inertia[{nm}] = {join(constants.rotor_inertia)};\n"
-    if is_hysteretic(spec):
-        text += (
-            f"static const real hysteresis_stiffness[{ng}] = {join(constants.hysteresis_stiffness)}; /* arm side */\n"
-        )
-        text += f"static const real hysteresis_slip[{ng}] = {join(constants.hysteresis_slip)}; /* 0: none */\n"
+    if elements := count_elements(spec):
+        text += f"enum {{ ELEMENTS = {elements} }}; /* of the hysteresis of a gear */\n"
+        for name, layers, note in (
+            ("stiffness", constants.hysteresis_stiffness, "arm side"),
+            ("slip", constants.hysteresis_slip, "0: none"),
+        ):
+            body = ", ".join(map(join, layers))
+            text += f"static const real hysteresis_{name}[ELEMENTS][{ng}] = {{{body}}}; /* {note} */\n"
     if is_bristled(spec):
         for name, values in constants.lugre.items():
             note = " /* 0: none */" * (name == "coulomb")

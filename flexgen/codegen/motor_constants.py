@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +31,8 @@ class MotorConstants:
     gears : tuple of str
         Names of the actuated coordinates, which name the gears.
     gear_is_rigid, gear_is_linear : tuple of bool
-    hysteresis_stiffness, hysteresis_slip : tuple of float
-        ``K_h`` and ``W`` of `flexgen.memory.hysteresis.GearHysteresis`, arm side; zero for gears without hysteresis.
+    hysteresis_stiffness, hysteresis_slip : tuple of tuple of float
+        ``K_h`` and ``W`` of the layers of `flexgen.memory.hysteresis`, arm side; zero for gears without an element.
     lugre : dict of str to tuple of float
         Numbers of `flexgen.memory.lugre.MotorBristles` by their names; empty where no motor has any.
     arm_side : tuple of float
@@ -52,8 +53,8 @@ class MotorConstants:
     gears: tuple[str, ...]
     gear_is_rigid: tuple[bool, ...]
     gear_is_linear: tuple[bool, ...]
-    hysteresis_stiffness: tuple[float, ...]
-    hysteresis_slip: tuple[float, ...]
+    hysteresis_stiffness: tuple[tuple[float, ...], ...]
+    hysteresis_slip: tuple[tuple[float, ...], ...]
     lugre: dict[str, tuple[float, ...]]
     arm_side: tuple[float, ...]
     servo: ServoTable | None
@@ -86,13 +87,13 @@ def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
 def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants:
     """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C has its inverse."""
     from flexgen.mechanics.lagrangian import gears
-    from flexgen.memory.hysteresis import gear_hysteresis, refuse_elements  # here, as these need CasADi
+    from flexgen.memory.hysteresis import gear_layers, refuse_curved  # here, as these need CasADi
 
-    def rows(A: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    def rows(A: Iterable[np.ndarray]) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(float(x) for x in row) for row in A)
 
-    refuse_elements(model, "library with invert, bvp or streams")
-    made, law = gears(model), gear_hysteresis(model)
+    refuse_curved(model, "library with invert, bvp or streams")
+    made, layers = gears(model), gear_layers(model)
     return MotorConstants(
         i_g=model.i_g,
         i_e=model.i_e,
@@ -104,8 +105,8 @@ def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants
         gears=tuple(model.coordinates[i].name for i in model.i_g),
         gear_is_rigid=tuple(gear.rigid for gear, _ in made),
         gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
-        hysteresis_stiffness=tuple(float(x) for x in law.stiffness),
-        hysteresis_slip=tuple(float(x) for x in law.slip),
+        hysteresis_stiffness=rows([layer.stiffness for layer in layers]),
+        hysteresis_slip=rows([layer.slip for layer in layers]),
         lugre=_lugre(model),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,

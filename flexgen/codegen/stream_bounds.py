@@ -21,7 +21,7 @@ KINEMATIC_PASSES = 28  # evaluations of the output constraint while the kinemati
 INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
 SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
 SERVO = 10  # numbers of a motor of the servo
-BRANCH, BRANCH_PASSES, LOCATIONS = 4, 500, 9 * 60  # of gears with hysteresis: numbers kept; of one sample, at most
+BRANCH, BRANCH_PASSES, LOCATIONS = 3, 500, 9 * 60  # of gears with hysteresis: numbers kept; of one sample, at most
 PIECES, PARTS = 4, 64  # of a friction with a state: steps in one sample, at most
 
 
@@ -58,7 +58,7 @@ def stream_size(
     sizes: Mapping[str, int],
     function_work: int,
     block: int,
-    hysteresis: bool = False,
+    elements: int = 0,
     position: bool = False,
     bristles: bool = False,
 ) -> Linear:
@@ -88,7 +88,7 @@ def stream_size(
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
     total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
-    total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + hysteresis * (BRANCH - 1) * n_g, 0, n_m)
+    total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + ((elements > 0) * (BRANCH - 1) + elements) * n_g, 0, n_m)
     if bristles:  # impulses, speeds and accelerations, of more samples ahead
         impulses = Linear((2 + AHEAD + 3 * MARGIN) * n_m, 0, n_m) + Linear(2 * (AHEAD + MARGIN + 1) * n_m, 0, 2 * n_m)
         total += impulses + Linear(MARGIN * (window + n_m) + 2 * rounding, 0, 0)
@@ -108,7 +108,7 @@ def stream_operations(
     sizes: Mapping[str, int],
     operations: Mapping[str, int],
     block: int,
-    hysteresis: bool = False,
+    elements: int = 0,
     position: bool = False,
     bristles: bool = False,
 ) -> Linear:
@@ -128,9 +128,12 @@ def stream_operations(
         motors += operations["motor_harmonics"] + 12 * n_m
     spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
 
-    if hysteresis:  # lanes without gear too
+    if elements:  # of hysteresis; lanes without gear too
         lanes = -(-n_g // block) * block
-        radau = BRANCH_PASSES * (3 * operations["gear_law"] + (3 * (CALL + 30) + 110) * lanes) + LOCATIONS * 80 * lanes
+        radau = (
+            BRANCH_PASSES * (3 * operations["gear_law"] + (3 * elements * (CALL + 30) + 110) * lanes)
+            + LOCATIONS * 80 * lanes
+        )
 
     ahead = AHEAD + MARGIN * bristles
     # the window of samples around the interval, in groups of points; a guess that fails is made again

@@ -17,7 +17,7 @@ from flexgen.gears.signals import signals_of
 from flexgen.mechanics.equations import derive, robot_of
 from flexgen.mechanics.lagrangian import gears as gears_of
 from flexgen.mechanics.parameters import Parameter, select
-from flexgen.memory.hysteresis import gear_hysteresis, refuse_elements, without_hysteresis
+from flexgen.memory.hysteresis import gear_hysteresis, refuse_curved, without_hysteresis
 from flexgen.model.elements import Coordinate, RobotModel
 from flexgen.model.friction import hysteretic_joints, refuse_harmonics
 from flexgen.progress import Choice, reported
@@ -92,7 +92,7 @@ def identify_gears(
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
     robot = robot_of(model)
     refuse_harmonics(robot, "identify_gears")
-    refuse_elements(robot, "identify_gears")
+    refuse_curved(robot, "identify_gears", most=1)
     record = record if isinstance(record, Trajectory) else Trajectory.load(record)
     signals = signals_of(record, robot.n_m, band_hz)
     chosen = _choose(robot, joints)

@@ -116,17 +116,17 @@ def gear_hysteresis(model: RobotModel) -> GearHysteresis:
     return GearHysteresis(*(np.sum([getattr(x, name) for x in layers], axis=0) for name in ("stiffness", "slip")))
 
 
-def refuse_elements(model: RobotModel, what: str) -> None:
-    """ArgumentError where a gear has other hysteresis than one element by Dahl's law: ``what`` takes that alone."""
+def refuse_curved(model: RobotModel, what: str, most: int = 0) -> None:
+    """ArgumentError where an element has another law than Dahl's, or a gear more than ``most``: not in ``what``."""
     for coordinate in model.coordinates:
         gear = None if coordinate.dof is None else coordinate.dof.gear
         elements = () if gear is None else elements_of(gear.hysteresis)
-        other = [x for x in elements if not is_dahl(x.exponent, x.gamma)]
-        if len(elements) > 1 or other:
-            given = f"{len(elements)} elements" if len(elements) > 1 else "exponent or gamma"
+        several = most > 0 and len(elements) > most
+        if several or not all(is_dahl(x.exponent, x.gamma) for x in elements):
+            given = f"{len(elements)} elements" if several else "exponent or gamma"
             raise ArgumentError(
                 f"{what}: given {model.title}, whose gear of {coordinate.name} has a hysteresis with {given}, expected "
-                "one table hysteresis without exponent and gamma"
+                f"{'one element' if most else 'elements'} without exponent and gamma"
             )
 
 

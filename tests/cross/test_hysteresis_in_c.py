@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hysteretic import ARCMIN, hysteretic
+from hysteretic import ARCMIN, SLIPS, Element, hysteretic, with_elements
 from states_in_c import GEARS, HORIZON, difference, functions_of, inverted, library_of, path_of, stream_errors
 from toolchain import needs_compiler
 
@@ -32,7 +32,7 @@ def by_the_stage(model: flexgen.RobotModel, samples: list[np.ndarray], **options
 
 
 def elbow(kind: str) -> flexgen.RobotModel:
-    """Gears with damping, without, with so much that their time constant is many samples, or a stiffening spring."""
+    """Gears with damping, without, with so much that their time constant is many samples, a stiff spring, elements."""
     made: dict[str, Any] = {
         "undamped": {f"{gear}.damping": 0.0 for gear in GEARS.values()},
         "slow": {f"{gear}.damping": 9e3 for gear in GEARS.values()},
@@ -43,6 +43,14 @@ def elbow(kind: str) -> flexgen.RobotModel:
         table = {"lost_motion": ARCMIN, "stiffness": 1e5}
         changed = {f"{gear}.hysteresis": table for gear in GEARS.values()} | {f"{GEARS['q1']}.spring": CUBIC}
         return flexgen.read("elbow", overrides=changed)
+    if kind.startswith("several"):
+        undamped = {f"{gear}.damping": 0.0 for gear in GEARS.values()} if kind == "several undamped" else {}
+        return with_elements("elbow", SLIPS, **undamped)
+    if kind == "two and one":
+        table = {"lost_motion": ARCMIN, "stiffness": 1e5}
+        return flexgen.read(
+            "elbow", overrides={f"{GEARS['q1']}.hysteresis": table, f"{GEARS['q2']}.hysteresis": [table, table]}
+        )
     if kind == "one":
         return flexgen.read("elbow", overrides={f"{GEARS['q2']}.hysteresis": {"lost_motion": ARCMIN, "stiffness": 1e5}})
     return model
@@ -50,7 +58,12 @@ def elbow(kind: str) -> flexgen.RobotModel:
 
 @pytest.mark.parametrize(
     "kind",
-    ["undamped", *(pytest.param(x, marks=pytest.mark.slow) for x in ("damped", "slow", "mixed", "cubic", "one"))],
+    [
+        "undamped",
+        "several",
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ("damped", "slow", "mixed", "cubic", "one")),
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ("several undamped", "two and one")),
+    ],
 )
 def test_whole_paths_are_those_of_the_stage(kind: str) -> None:
     model = elbow(kind)
@@ -61,10 +74,19 @@ def test_whole_paths_are_those_of_the_stage(kind: str) -> None:
     assert difference(found, by_the_stage(model, samples, **options)) < SAME
 
 
-@pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3_18", marks=pytest.mark.slow)])
-def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "elements"),
+    [
+        ("planar5_nmp", 1),
+        *(pytest.param(*x, marks=pytest.mark.slow) for x in (("planar5_nmp", 3), ("manutec_r3_18", 1))),
+        pytest.param("manutec_r3_18", 3, marks=pytest.mark.slow),
+    ],
+)
+def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(
+    name: str, elements: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The tool by the simulation, which integrates z itself: 0.05 um, of some 400 um without hysteresis."""
-    model = hysteretic(name)
+    model = hysteretic(name) if elements == 1 else with_elements(name, SLIPS)
     solution, samples, options = inverted(model, monkeypatch)
     found = library_of(model).invert(*samples, **options)
     assert found.converged and difference(found, by_the_stage(model, samples, **options)) < SAME
@@ -74,7 +96,9 @@ def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(name: str, m
     assert flexgen.simulate(model, by_c, feedback="ppi").tool_error_max_m < 5e-8
 
 
-@pytest.mark.parametrize("kind", ["undamped", pytest.param("damped", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "kind", ["undamped", "several", *(pytest.param(x, marks=pytest.mark.slow) for x in ("damped", "several undamped"))]
+)
 def test_streams_are_whole_paths(kind: str) -> None:
     """Whatever they carry from update to update."""
     model = elbow(kind)
@@ -96,9 +120,13 @@ def test_torques_that_are_not_smooth_do_not_end_a_stream(intervals: int) -> None
 # --- planted errors ---------------------------------------------------------------------------------------------------
 
 PLANTED = {
+    "one element": (
+        "        z += element_torque(b, e, i, x, &more);\n",
+        "        (void)element_torque(b, e, i, x, &more);\n",
+    ),
     "sign of z": ("store_v(value[k] + i, K * x + z);", "store_v(value[k] + i, K * x - z);"),
     "no reversal": ("store_v(b->s + i, select_v(is, -s, s));", "store_v(b->s + i, s);"),
-    "z not carried": ("    copy(b->z_r, NG, x + 2 * NG);\n", ""),
+    "z not carried": ("        copy(b->z_r[e], NG, x + (3 + e) * NG);\n", ""),
 }
 
 
@@ -110,7 +138,7 @@ def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.M
     assert texts["hysteresis.h"].count(old) == 1
     texts["hysteresis.h"] = texts["hysteresis.h"].replace(old, new)
     monkeypatch.setattr(clib_files, "read_clib", lambda: texts)
-    model = elbow("damped")
+    model = elbow("several")
     made = generate_parts(model, tmp_path, functions_of(model), ("invert", "stream"), progress=lambda line: None)
     move, samples = path_of(model, 1e-3)
     with flexgen.load(made.directory) as library:
@@ -123,7 +151,7 @@ def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.M
         except SolverError as error:
             assert "did not converge" in str(error)
         else:
-            assert difference(found, by_the_stage(model, samples, **options)) > 1e-3
+            assert difference(found, by_the_stage(model, samples, **options)) > (1e-4 if bug == "one element" else 1e-3)
 
 
 # --- what there is not ------------------------------------------------------------------------------------------------
@@ -143,3 +171,9 @@ def test_limits_are_refused() -> None:
     stream = library.stream(samples[0][0], move.q_start, period=1e-3, intervals=HORIZON)
     with pytest.raises(ArgumentError, match="stream: given limits, expected none where the model has hysteresis"):
         stream.limit(torque=[1.0, 1.0])
+
+
+def test_libraries_refuse_elements_with_another_law() -> None:
+    told = "library with invert, bvp or streams: given .*, whose gear of q1 has a hysteresis with exponent or gamma"
+    with pytest.raises(ArgumentError, match=told):
+        library_of(with_elements("elbow", [Element(1.0, 1.0, 2.0)]))

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 from bristled import Bristles, bristled, tables
-from hysteretic import ARCMIN, Plant, hysteretic, with_lost_motion
+from hysteretic import (
+    ARCMIN,
+    BENT,
+    SLIPS,
+    Elements,
+    Plant,
+    hysteretic,
+    joint_stiffness,
+    law_of_gears,
+    with_elements,
+    with_lost_motion,
+)
 from servo_in_mujoco import InMujoco, OwnServo
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.errors import ArgumentError
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.numerics.evaluate import evaluate
 
@@ -58,6 +71,25 @@ def test_learning_finds_a_lost_motion_that_is_larger() -> None:
     start = run["robot"].q_a[0], run["robot"].q_m[0]
     assert replayed(run, gears(1.3, *start), 1e-4) < 1e-9
     assert replayed(run, gears(1.0, *start), 1e-4) > 1e-5  # planted
+
+
+@pytest.mark.slow
+def test_learning_finds_lost_motions_of_elements_that_are_larger() -> None:
+    learned = flexgen.learn(with_elements("elbow", SLIPS), plant={"lost_motion": 1.3}, iterations=3, progress=False)
+    assert learned.errors[-1] < 0.01 * learned.errors[0] and not learned.stopped
+    run, model = learned.runs[learned.best], flexgen.read("elbow")
+    start = np.linalg.inv(model.eta) @ run["robot"].q_m[0] - run["robot"].q_a[0]
+    for factor, expected in ((1.3, True), (1.0, False)):  # and planted
+        elements = Elements([replace(x, lost=factor * x.lost) for x in SLIPS], joint_stiffness(model), start)
+        error = replayed(run, law_of_gears("elbow", elements), 1e-4)
+        assert error < 1e-9 if expected else error > 1e-5
+
+
+def test_learning_refuses_elements_that_the_c_does_not_have() -> None:
+    with pytest.raises(
+        ArgumentError, match=r"learn: given .*, whose gear of q1 has a hysteresis with exponent or gamma"
+    ):
+        flexgen.learn(with_elements("elbow", BENT), iterations=1, progress=False)
 
 
 @pytest.mark.slow
