@@ -89,7 +89,7 @@ class Compiler:
     version : str
         First line of its version text.
     flags : tuple of str
-        All flags, those of ``$CC`` first.
+        All flags, those of ``$CC`` after the usual ones, so that they have priority.
     identity : str
         SHA-256 of what its output depends on besides the sources: version, flags, target (with ``-march=native`` the
         processor), and the system's headers.
@@ -177,7 +177,7 @@ def _find_compiler(
         return None
     program = tuple(word for word in chosen if not word.startswith("-"))
     own = [word for word in chosen if word.startswith("-")]
-    flags = [*own, *(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp]
+    flags = [*(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp, *own]  # the last has priority
     flags += [] if other is None else ["-target", TARGETS[other].triple]
     packaged = chosen == _packaged_compiler()
     march = f"-march={isa.replace('-', '_') if packaged else isa}"  # in Zig "-" takes a feature away
@@ -204,7 +204,8 @@ def _find_compiler(
             "C compiler; change CC or unset it"
         )
     gcc = "__GNUC__" in world.stdout and not any(word in world.stdout for word in _LIKE_GCC)
-    straight = STRAIGHT_FLAGS if gcc and not native else ()
+    leveled = any(word.startswith("-O") for word in own)
+    straight = STRAIGHT_FLAGS if gcc and not (native or leveled) else ()
     functions = (*straight, *LEAN_FLAGS) if straight else ()
     others = QUICK_FLAGS if gcc else ()
     solvers = (*SOLVER_FLAGS, *others)
