@@ -6,14 +6,18 @@ import contextlib
 import gc
 import importlib
 import os
+import shlex
 import sys
 from pathlib import Path
 
 import pytest
 from selection import ROOT, SLOW, full, slow
+from toolchain import CC
 
 from flexgen.errors import BuildError
 from flexgen.library.object_cache import cache_folder
+
+USERS_CC = os.environ.get("CC")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -54,6 +58,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("slow")
         if full(path, words):
             item.add_marker("full")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Compile without optimization, which has the same bits and takes half the time, but in slow tests of client/."""
+    if USERS_CC is not None or CC is None:
+        return
+    if item.path.parent.name == "client" and item.get_closest_marker("slow"):
+        os.environ.pop("CC", None)
+    else:
+        os.environ["CC"] = f"{shlex.quote(CC)} -O0"
 
 
 def pytest_collection_finish() -> None:

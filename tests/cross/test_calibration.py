@@ -131,6 +131,7 @@ def test_a_robot_that_differs_is_found() -> None:
     assert not found.problem
 
 
+@pytest.mark.slow
 def test_standard_deviations_agree_with_the_errors() -> None:
     """The truth is within 1.96 standard deviations for 90 to 99 % of the numbers that are drawn from their priors."""
     inside = []

@@ -53,6 +53,7 @@ def check_hysteresis(found: flexgen.GearFit) -> None:
         assert abs(found.values[name] - ARCMIN) < 4 * found.sd[name] + 2e-3 * ARCMIN
 
 
+@pytest.mark.slow
 def test_twelve_seconds_without_noise_give_the_loop(short: flexgen.Trajectory, tmp_path: Path) -> None:
     found = flexgen.identify_gears(model_of("planar5_nmp"), short, progress=False)
     check_hysteresis(found)

@@ -68,6 +68,7 @@ def test_feedforward_that_knows_the_friction_leaves_no_error(plain: flexgen.Solu
     assert 1e-6 < errors[1] < 0.3 * error_of(unknown)
 
 
+@pytest.mark.slow
 def test_with_hysteresis_both_act(plain: flexgen.Solution) -> None:
     """Robots whose numbers make one of the states vanish are those of models without it."""
     gears = {

@@ -45,6 +45,7 @@ def test_a_robot_without_it_does_not_follow_the_torques_for_one() -> None:
     assert error_in_mujoco("elbow", path, None) > 5e-5
 
 
+@pytest.mark.slow
 def test_pre_sliding_is_seen_on_moves_that_stay_within_it() -> None:
     """Motors that turn by a part of the angle at which bristles slip: a spring, not Coulomb friction."""
     numbers = tables("elbow", presliding=1.0)

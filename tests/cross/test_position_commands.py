@@ -180,6 +180,7 @@ def recorded(
     return file
 
 
+@pytest.mark.slow
 def test_a_servo_identified_from_ten_seconds_leaves_five_percent(solved, tmp_path):
     """Its gains are 0.75 to 1.4 of those where the search begins; the record comes from MuJoCo."""
     model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory
@@ -207,6 +208,7 @@ def test_a_servo_identified_from_ten_seconds_leaves_five_percent(solved, tmp_pat
     assert error_in_mujoco(usual, tmp_path, **true) > 0.05 * before  # without identification
 
 
+@pytest.mark.slow
 def test_a_servo_of_another_structure_is_said_not_to_fit(solved, tmp_path):
     """Commands that are not what the robot was sent: of another motion."""
     model, path = robot_of("planar5_nmp"), solved["planar5_nmp"].trajectory

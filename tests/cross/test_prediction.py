@@ -91,6 +91,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", ["all", *(pytest.param(x, marks=pytest.mark.slow) for x in ("heavy", "pair", "weakly"))]
 )

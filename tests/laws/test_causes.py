@@ -68,6 +68,7 @@ def test_a_fault_is_named_with_its_size(fault):
     assert found.to_dict()["causes"][0]["words"] == fault
 
 
+@pytest.mark.slow
 def test_the_size_is_that_of_a_fit_not_of_one_step(monkeypatch):
     """Planted: without the refit the share of 20 % of mass is the prediction of a linear step, which is wrong."""
     found = explained(measured(times(1.2, ["arm3.mass"])))

@@ -78,6 +78,7 @@ def test_corners_of_moves_are_those_of_their_legs() -> None:
     assert_allclose(stop.point, y[0] + [-0.3, 0.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_solution_and_a_closed_loop_state_the_round_off_of_their_corner() -> None:
     run = flexgen.control("elbow", elbow_move(0.05), plants={"soft": {"stiffness": 0.8}}, progress=False)
     found, solved = run.accuracy(), run.solution.accuracy()

@@ -46,6 +46,7 @@ def test_a_delay_is_the_delay_of_the_drive():
     assert differences("planar5_nmp", Drive(5e-4, 1.9e-4), hardware).max() > 5e-3
 
 
+@pytest.mark.slow
 def test_the_noise_is_the_one_predicted():
     """Covariances of the errors, and the scatter of repeated experiments."""
     model = without_coulomb("planar5_nmp")

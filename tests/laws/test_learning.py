@@ -25,6 +25,7 @@ def solution():
     return flexgen.solve("planar5_nmp", progress=False)
 
 
+@pytest.mark.slow
 def test_a_soft_robot_is_learned_in_two_iterations(solution, tmp_path):
     found = flexgen.learn(
         "planar5_nmp", plant={"stiffness": 0.8}, solution=solution, iterations=3, sample_time=1e-3, progress=False

@@ -211,6 +211,7 @@ def test_elastic_and_rigid_gears_follow_their_path() -> None:
     )
 
 
+@pytest.mark.slow
 def test_hysteresis_and_sums_together() -> None:
     table = {"element.upper.dof.q1.gear.transmission_error": ERROR, "motor.m1.cogging": COGGING}
     model = hysteretic("elbow", **table)

@@ -164,6 +164,7 @@ def test_one_robot_has_angles_without_repeatability_and_a_position_has_none() ->
     assert judged(circle(TIME)).to_dict()["orientation_accuracy_rad"] is None
 
 
+@pytest.mark.slow
 def test_a_closed_loop_of_poses_states_angles_in_its_json() -> None:
     """The norm of the mean angles at the end of one robot is its angle from the reference there."""
     run = flexgen.control("kr300", plants={"heavy": {"payload": 20.0}}, progress=False)

@@ -74,11 +74,12 @@ class Gears:
     """Dahl's law in the deflections of gears, from where each began its step."""
 
     def __init__(self, stiffness: np.ndarray, slip: np.ndarray, p: np.ndarray) -> None:
-        self.stiffness, self.slip, self.p, self.z = stiffness, slip, p, np.zeros(len(p))
+        self.slip, self.rate, self.p, self.z = slip, -stiffness / slip, p, np.zeros(len(p))
 
     def at(self, p: np.ndarray) -> np.ndarray:
-        end = np.sign(p - self.p) * self.slip
-        return end + (self.z - end) * np.exp(-np.abs(p - self.p) * self.stiffness / self.slip)
+        change = p - self.p
+        end = np.copysign(self.slip, change)
+        return end + (self.z - end) * np.exp(self.rate * np.abs(change))
 
     def keep(self, p: np.ndarray) -> None:
         self.z, self.p = self.at(p), p
@@ -153,10 +154,13 @@ class Plant:
 
         joints, rotors, motors = self.joints, self.rotors, self.motors
 
+        angles, speeds, applied, given = self.d.qpos, self.d.qvel, self.d.qfrc_applied, self.d.ctrl
+        law, torque = self.law, self.torque
+
         def control(m: Any, d: Any) -> None:
-            q, v = d.qpos[rotors], d.qvel[rotors]
-            own = self.law(d.qpos[joints], d.qvel[joints], q, v, self.torque(d.time, q, v))
-            d.qfrc_applied[joints], d.qfrc_applied[rotors], d.ctrl[motors] = own
+            q, v = angles[rotors], speeds[rotors]
+            own = law(angles[joints], speeds[joints], q, v, torque(d.time, q, v))
+            applied[joints], applied[rotors], given[motors] = own
 
         self.d.qpos[self.at], self.d.time = q, start
         self.kept(self.d.qpos[joints], self.d.qpos[rotors])
@@ -164,7 +168,7 @@ class Plant:
         try:
             for k in range(steps):
                 mujoco.mj_step(self.m, self.d)
-                self.kept(self.d.qpos[joints], self.d.qpos[rotors])
+                self.kept(angles[joints], angles[rotors])
                 look(k)
         finally:
             mujoco.set_mjcb_control(None)
@@ -197,20 +201,21 @@ def tool_error_in_mujoco(
 
     def torque(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         k = round((t - start) / (step / 2))
-        return np.asarray(given["tau_m"][k] + k_p * (given["q_m"][k] - q) + k_v * (given["v_m"][k] - v))
+        return tau[k] + k_p * (angles[k] - q) + k_v * (speeds[k] - v)
 
     plant = Plant(name, law, kept, torque, step)
     k_p, k_v = (feedback * gain for gain in feedback_gains(plant.model))
-    site, output, errors = plant.m.site("tool").id, list(range(path["y_ref"].shape[1]))[:3], []
+    tau, angles, speeds = given["tau_m"], given["q_m"], given["v_m"]
+    tool, seen = plant.d.site_xpos[plant.m.site("tool").id], np.empty((steps, 3))
 
     def look(k: int) -> None:
         mujoco.mj_kinematics(plant.m, plant.d)
-        axes = "xyz" if plant.model.output.type == "tool_pose" else plant.model.output.axes
-        tool = plant.d.site_xpos[site][["xyz".index(axis) for axis in axes]]
-        errors.append(float(np.linalg.norm(tool - given["y_ref"][2 * (k + 1)][output])))
+        seen[k] = tool
 
     plant.run(start, np.concatenate([path["q_a"][0], path["q_m"][0]]), steps, look)
-    return max(errors)
+    axes = "xyz" if plant.model.output.type == "tool_pose" else plant.model.output.axes
+    wanted = given["y_ref"][2 : 2 * steps + 1 : 2, : min(3, path["y_ref"].shape[1])]
+    return float(np.linalg.norm(seen[:, ["xyz".index(axis) for axis in axes]] - wanted, axis=1).max())
 
 
 def with_lost_motion(name: str, lost_motion: float, start: np.ndarray, share: float = 1.0) -> tuple[Law, Any]:
@@ -222,10 +227,11 @@ def with_lost_motion(name: str, lost_motion: float, start: np.ndarray, share: fl
 def law_of_gears(name: str, gears: Gears | Elements) -> tuple[Law, Any]:
     """``law`` and ``kept`` of a robot with these gears."""
     inverse = np.linalg.inv(flexgen.read(name).eta)
+    back = -inverse.T
 
     def law(q_g: np.ndarray, v_g: np.ndarray, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
         z = gears.at(inverse @ q_m - q_g)
-        return z, -inverse.T @ z, tau
+        return z, back @ z, tau
 
     def kept(q_g: np.ndarray, q_m: np.ndarray) -> None:
         gears.keep(inverse @ q_m - q_g)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,6 +33,7 @@ def graph_of(arrows: Iterable[tuple[str, str]], single: set[str]) -> dict[str, s
 def reduced(graph: dict[str, set[str]]) -> dict[str, set[str]]:
     """Without the arrows that follow from others."""
 
+    @cache
     def below(room: str) -> set[str]:
         return set().union(*({x} | below(x) for x in graph[room]))
 

@@ -93,8 +93,7 @@ class InMujoco:
             arm.append(self.d.qpos[self.at[: self.model.n_a]].copy())
             motors.append(self.angles)
             self.d.ctrl[self.motors] = servo.torque(command(t), motors[-1])
-            for _ in range(steps):
-                mujoco.mj_step(self.m, self.d)
+            mujoco.mj_step(self.m, self.d, nstep=steps)
         return np.array(times), np.array(arm), np.array(motors)
 
 

@@ -258,10 +258,15 @@ def imports_of(module: str, text: str, known: Collection[str]) -> list[Import]:
     return found
 
 
-def sources(root: Path = ROOT) -> dict[str, str]:
-    """Text of every module of flexgen by its dotted name."""
-    paths = sorted((root / "flexgen").rglob("*.py"))
-    return {module_name(path.relative_to(root).as_posix()): path.read_text(encoding="utf-8") for path in paths}
+@cache
+def _read_sources() -> dict[str, str]:
+    paths = sorted((ROOT / "flexgen").rglob("*.py"))
+    return {module_name(path.relative_to(ROOT).as_posix()): path.read_text(encoding="utf-8") for path in paths}
+
+
+def sources() -> dict[str, str]:
+    """Text of every module of flexgen by its dotted name; the caller may change the dictionary."""
+    return dict(_read_sources())
 
 
 def all_imports(texts: dict[str, str]) -> list[Import]:

@@ -271,6 +271,7 @@ def test_the_lag_is_of_sixth_order_and_exact_at_rest() -> None:
         assert np.abs(rest - 0.35).max() < 1e-15
 
 
+@pytest.mark.slow
 def test_a_sweep_of_a_model_with_hysteresis_is_that_of_solve() -> None:
     """One by one, as batches do not know the gears: the largest torque is another one than without hysteresis."""
     lossy = {"element.upper.dof.q1.gear.hysteresis": {"lost_motion": 3e-3, "stiffness": 7e6}}
