@@ -51,8 +51,7 @@ def bristled_motors(model: Any) -> list[str]:
 
 def loaded_motors(model: Any) -> list[str]:
     """Names of the motors of a `RobotModel` whose friction depends on the torques of their gears."""
-    laws = ((motor.name, motor.friction) for motor in model.motors)
-    return [name for name, law in laws if isinstance(law, GearFriction) and law.loaded]
+    return [each.name for each in model.motors if isinstance(each.friction, GearFriction) and each.friction.loaded]
 
 
 def refuse_load(model: Any, what: str) -> None:

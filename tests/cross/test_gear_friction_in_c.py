@@ -95,12 +95,17 @@ def test_the_temperature_is_a_run_time_parameter(tmp_path: Path) -> None:
         y, dy, ddy = samples
         stream = library.stream(y[0], move.q_start, period=1e-3, intervals=20, parameters=[45.0])
         streamed = [stream.update(y[k], dy[k], ddy[k]).tau_m for k in range(1, len(y))]
+        many = library.invert_many(*samples, **given, parameters=[[20.0], [45.0]]).tau_m
+        stream = library.stream(y[0], move.q_start, period=1e-3, intervals=20)
+        stream.set_parameters([45.0])
+        changed = [stream.update(y[k], dy[k], ddy[k]).tau_m for k in range(1, len(y))]
     own = [library_of(loaded("elbow", x)).invert(*samples, **given).tau_m for x in (20.0, 45.0)]
     assert (at[0] == at[2]).all() and np.abs(at[0] - own[0]).max() < 1e-12 * np.abs(own[0]).max()
     assert np.abs(at[1] - own[1]).max() < 1e-12 * np.abs(own[1]).max()
     assert np.abs(own[0] - own[1]).max() > 1e-2
-    stream_torques = np.concatenate(streamed)[19:]
-    assert np.abs(stream_torques - at[1][: len(stream_torques)]).max() < 1e-6 * np.abs(at[1]).max()
+    assert (many == np.stack(at[:2])).all()
+    for torques in (np.concatenate(x)[19:] for x in (streamed, changed)):
+        assert np.abs(torques - at[1][: len(torques)]).max() < 1e-6 * np.abs(at[1]).max()
 
 
 PLANTED = {

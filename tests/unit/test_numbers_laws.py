@@ -377,7 +377,8 @@ class Functions(dict):
 
 
 def law(name: str, gains: np.ndarray, table: np.ndarray, uses: tuple, timing: Timing, **more: object) -> bound.BoundLaw:
-    motors = [SimpleNamespace(inertia=x, cogging=None, torque_ripple=None, lugre=None) for x in (0.1, 0.2)]
+    made = {"cogging": None, "torque_ripple": None, "lugre": None, "friction": None}
+    motors = [SimpleNamespace(inertia=x, **made) for x in (0.1, 0.2)]
     model = SimpleNamespace(n_m=2, eta=np.array([[10.0, 2.0], [0.0, -20.0]]), motors=motors, coordinates=())
     fields = {"state": -1, "channels": np.array([3, 2]), "start": np.array([0.5, -0.5]), "steps_per_s": 900.0} | more
     return bound.BoundLaw(name, model, SimpleNamespace(functions=Functions()), uses, timing, table, gains, **fields)
