@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from selection import ROOT, SLOW, full, slow
+from selection import ROOT, SLOW, UNOPTIMIZED, full, slow
 from toolchain import CC
 
 from flexgen.errors import BuildError
@@ -62,13 +62,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Compile without optimization, which has the same bits and takes half the time, but in slow tests of client/."""
-    if USERS_CC is not None or CC is None:
-        return
-    if item.path.parent.name == "client" and item.get_closest_marker("slow"):
-        os.environ.pop("CC", None)
-    else:
-        os.environ["CC"] = f"{shlex.quote(CC)} -O0"
+    """Choose the compiler of the test: see `UNOPTIMIZED`."""
+    if USERS_CC is None and CC is not None:
+        if item.path.relative_to(ROOT / "tests").as_posix() in UNOPTIMIZED:
+            os.environ["CC"] = f"{shlex.quote(CC)} -O0"
+        else:
+            os.environ.pop("CC", None)
 
 
 def pytest_collection_finish() -> None:

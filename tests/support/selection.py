@@ -40,6 +40,27 @@ ANY_MODEL = (
     "unit/test_structure.py",
     "unit/test_zero_path.py",
 )
+# Files that compile much C and run it for a short time: without optimization its bits are the same, and these tests
+# take half the time. The others compile as users do.
+UNOPTIMIZED = (
+    "client/test_batch_strided.py",
+    "client/test_inverse_kinematics.py",
+    "client/test_path_sampler.py",
+    "cross/test_bvp.py",
+    "cross/test_force_sensors.py",
+    "cross/test_gear_friction_in_c.py",
+    "cross/test_hysteresis_in_c.py",
+    "cross/test_inversion_accuracy.py",
+    "cross/test_inversion_functions.py",
+    "cross/test_lugre_in_c.py",
+    "cross/test_position_commands_in_c.py",
+    "cross/test_process_force.py",
+    "cross/test_settled.py",
+    "cross/test_transmission_error.py",
+    "laws/test_impedance.py",
+    "laws/test_model_laws.py",
+    "unit/test_many_inversion.py",
+)
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
     "client/test_docs.py": {

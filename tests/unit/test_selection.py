@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from selection import ANY_MODEL, OTHER_MODELS, QUICK_MODELS, ROOT, SLOW, SLOW_CASES, slow
+from selection import ANY_MODEL, OTHER_MODELS, QUICK_MODELS, ROOT, SLOW, SLOW_CASES, UNOPTIMIZED, slow
 
 from flexgen.model.reader import model_names
 
@@ -80,7 +80,7 @@ def test_a_room_without_a_quick_test_is_seen():
 
 
 def test_the_tables_name_existing_folders_and_files():
-    for entry in (*SLOW, *ANY_MODEL, *SLOW_CASES):
+    for entry in (*SLOW, *ANY_MODEL, *UNOPTIMIZED, *SLOW_CASES):
         assert (TESTS / entry).exists(), entry
     assert set(model_names()) >= QUICK_MODELS
     assert set(model_names()) == QUICK_MODELS | OTHER_MODELS
