@@ -15,6 +15,7 @@ from selection import ROOT, SLOW, UNOPTIMIZED, full, slow
 from toolchain import CC
 
 from flexgen.errors import BuildError
+from flexgen.library import model_library
 from flexgen.library.object_cache import cache_folder
 
 USERS_CC = os.environ.get("CC")
@@ -62,12 +63,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Choose the compiler of the test: see `UNOPTIMIZED`."""
-    if USERS_CC is None and CC is not None:
-        if item.path.relative_to(ROOT / "tests").as_posix() in UNOPTIMIZED:
-            os.environ["CC"] = f"{shlex.quote(CC)} -O0"
-        else:
-            os.environ.pop("CC", None)
+    """Choose the compiler of the test, see `UNOPTIMIZED`; each of the two has its own cache."""
+    if USERS_CC is not None or CC is None or "FLEXGEN_CACHE" not in os.environ:
+        return
+    folder = Path(os.environ["FLEXGEN_CACHE"])
+    before = folder.name == "unoptimized"
+    if (item.path.relative_to(ROOT / "tests").as_posix() in UNOPTIMIZED) == before:
+        return
+    if before:
+        del os.environ["CC"]
+    else:
+        os.environ["CC"] = f"{shlex.quote(CC)} -O0"
+    os.environ["FLEXGEN_CACHE"] = str(folder.parent if before else folder / "unoptimized")
+    model_library._holder.cache_clear()
 
 
 def pytest_collection_finish() -> None:

@@ -54,7 +54,7 @@ def test_a_robot_without_hysteresis_does_not_follow_the_torques_for_one() -> Non
     [
         ("elbow", BENT),
         *(pytest.param("planar5_nmp", each, marks=pytest.mark.slow) for each in (SLIPS, BENT)),
-        *(pytest.param("manutec_r3_18", each, marks=pytest.mark.slow) for each in (SLIPS, BENT)),
+        *(pytest.param("manutec_r3_18", each, marks=pytest.mark.full) for each in (SLIPS, BENT)),
     ],
 )
 def test_mujoco_with_several_elements_follows_the_path(name: str, elements: Sequence[Element]) -> None:

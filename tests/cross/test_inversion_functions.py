@@ -208,15 +208,17 @@ def complete(model: RobotModel) -> RobotModel:
 
 def test_models_have_the_functions_that_their_structure_allows():
     plain = tuple(
-        name for name in FUNCTIONS[: -len(INVERSION)] if not name.startswith(("sensor", "flexible", "motor_harm"))
+        name
+        for name in FUNCTIONS[: -len(INVERSION)]
+        if not name.startswith(("sensor", "flexible", "motor_harm", "loaded"))
     )
     elastic = [
-        name for name in FUNCTIONS if not name.startswith(("sensor", "motor_harm"))
+        name for name in FUNCTIONS if not name.startswith(("sensor", "motor_harm", "loaded"))
     ]  # of arms with elastic joints
     assert offered_functions(read("planar5_nmp")) == (*plain, *INVERSION)
     assert offered_functions(read("elbow")) == tuple(name for name in elastic if name != "inversion_jacobians")
     sensor = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}
-    measured = tuple(name for name in FUNCTIONS if not name.startswith(("flexible", "motor_harm")))
+    measured = tuple(name for name in FUNCTIONS if not name.startswith(("flexible", "motor_harm", "loaded")))
     assert offered_functions(read("planar5_nmp", overrides={"sensor": [sensor]})) == measured
     assert offered_functions(complete(read("planar5_nmp"))) == plain
     one = read("planar5_nmp")

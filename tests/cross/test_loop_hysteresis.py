@@ -56,6 +56,7 @@ def test_the_loop_has_the_errors_of_mujoco(plain: flexgen.Solution) -> None:
     assert error_of(run, "without") < 1e-9
 
 
+@pytest.mark.slow
 def test_several_elements_have_the_errors_of_mujoco(plain: flexgen.Solution) -> None:
     """Three elements; a factor of lost_motion is one of all of them."""
     pytest.importorskip("mujoco")

@@ -101,6 +101,7 @@ def test_torques_of_one_mass_on_a_spring_are_the_closed_form(tmp_path: Any) -> N
     assert np.abs(without - expected).max() > 1e-2 * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_an_own_integrator_under_the_torques_follows_the_path(tmp_path: Any) -> None:
     """The two equations of motion, with the law in NumPy; with the load of the law left out it does not."""
     path = flexgen.solve(drive(tmp_path), verify=False, progress=False).trajectory

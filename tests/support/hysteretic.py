@@ -103,13 +103,11 @@ class Elements:
         return np.asarray(self.stiffness * (1.0 - s * part))
 
     def each_at(self, p: np.ndarray) -> np.ndarray:
-        z, s, h = self.z, np.sign(p - self.p), (p - self.p) / 4
-        for _ in range(4):
-            k1 = self.slope(z, s)
-            k2 = self.slope(z + h / 2 * k1, s)
-            k3 = self.slope(z + h / 2 * k2, s)
-            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + self.slope(z + h * k3, s))
-        return np.asarray(z)
+        z, s, h = self.z, np.sign(p - self.p), p - self.p
+        k1 = self.slope(z, s)
+        k2 = self.slope(z + h / 2 * k1, s)
+        k3 = self.slope(z + h / 2 * k2, s)
+        return np.asarray(z + h / 6 * (k1 + 2 * k2 + 2 * k3 + self.slope(z + h * k3, s)))
 
     def at(self, p: np.ndarray) -> np.ndarray:
         return np.asarray(self.each_at(p).sum(axis=0))
