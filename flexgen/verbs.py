@@ -12,33 +12,12 @@ Parser, help and completion of the command line are rendered from these rows; th
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, get_args
 
 import flexgen
-from flexgen.identification.average_names import AverageName
-from flexgen.inversion.method_table import method_names
-from flexgen.registry import EXPORTS, Export, names
-from flexgen.runtime.targets import TARGET_NAMES
-from flexgen.simulation.hold_names import HOLDS
-from flexgen.templates.template_names import TEMPLATES
+from flexgen.registry import EXPORTS, Export
 from flexgen.verb_parameters import command_of
-from flexgen.verb_rows import Option, Verb, verbs_of
-
-LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an error needs them
-    "METHODS": method_names,
-    "HOLDS": lambda: tuple(HOLDS),
-    "LAWS": lambda: names("laws"),
-    "AVERAGES": lambda: get_args(AverageName),
-    "TARGETS": lambda: TARGET_NAMES,
-    "SHELLS": lambda: ("bash", "zsh", "fish"),
-    "TEMPLATES": lambda: TEMPLATES,
-}
-PHRASES = {
-    "CONTROLLERS": "a file .toml, .py (or file.py:Class) or a shared library",
-    "FACTORS": "factors of stiffness, damping, friction or a single number, payload in kg more",
-}
+from flexgen.verb_rows import Verb, verbs_of
 
 # Options of several verbs, which write @NAME.
 SHARED = """
@@ -67,6 +46,9 @@ SHARED = """
 @free
     free NAME,NAME,... names: parameters: stiffness, damping, q1.stiffness, m1.viscous, delay, sensor_delay,
         torque_constant, ...; default: stiffness, damping and the viscous frictions of the model
+@wall
+    wall PLACE wall: a wall that pushes the tool, X,Y,Z:NX,NY,NZ:K[:C[:GAP]]: point [m], normal towards the tool,
+        stiffness [N/m], damping [N s/m], gap [m]; such as 1.2,0,0:-1,0,0:1e5:500
 @loop
     controller NAME: ppi (P-PI cascade, the default), ppi_notch, none (feedforward only), {LAWS}, {CONTROLLERS}
     sample_time S positive: of the controller [s]; default: {default}
@@ -170,8 +152,15 @@ predict MODEL | | predict
 simulate MODEL | solve:simulate | simulate
     arguments
         <trajectory> TRAJECTORY: file written by 'flexgen solve --out'
+    robot
+        @wall
     files
         out FILE trajectory_file: write the simulated motion to this file
+sense MODEL | solve:sense | sense
+    arguments
+        <motion> TRAJECTORY: file written by 'flexgen solve --out'
+    files
+        out FILE trajectory_file: write what the sensors read to this file
 sweep | sweep:sweep | sweep
     arguments
         <grid> GRID: TOML file with models, moves, methods and parameters
@@ -282,10 +271,12 @@ control MODEL | control:control | control
             motor [N m] or on the tool (tool.x [N], tool.rz [N m], world axes), times in s; chirp and noise: ,LOW-HIGH
             in Hz; such as pulse:tool.x=300@0.4+0.02; may be repeated
         no_torque_limits old=--no-limits: do not limit the torques to those of the model file
+        @wall
     closed loop
         @loop
         encoder_resolution RAD not_negative: of the motor angles [rad]; default: {default}
         exact_state: the controller measures angles and speeds of arm and motors exactly
+        passivity: also find whether the loop gives no energy to what the tool touches, under a linear controller
     motion
         @move
     files
@@ -431,20 +422,3 @@ VERBS: dict[str, Verb] = verbs_of(ROWS, SHARED)
 VERBS |= {verb.name: verb for verb in map(command_of, vars(flexgen)["_COMMANDS"])}
 VERBS |= {f"export {name}": export_row(name, export) for name, export in EXPORTS.items()}
 VERBS |= verbs_of(LAST_ROWS, SHARED)
-
-
-def choices_of(option: Option) -> tuple[str, ...]:
-    """The words that the value of an option may be; empty: any."""
-    named = LISTS.get(option.choices)
-    return named() if named else tuple(filter(None, option.choices.split("/")))
-
-
-def help_of(option: Option, default: Any) -> str:
-    """The help of an option with the default of the public function, the lists and the phrases in it."""
-    text = option.help.replace("{default}", f"{default:g}" if isinstance(default, float) else str(default))
-    for name, phrase in PHRASES.items():
-        text = text.replace(f"{{{name}}}", phrase)
-    for name, words in LISTS.items():
-        if f"{{{name}}}" in text:
-            text = text.replace(f"{{{name}}}", ", ".join(words()))
-    return text

@@ -15,7 +15,6 @@ from selection import ROOT, SLOW, UNOPTIMIZED, full, slow
 from toolchain import CC
 
 from flexgen.errors import BuildError
-from flexgen.library import model_library
 from flexgen.library.object_cache import cache_folder
 
 USERS_CC = os.environ.get("CC")
@@ -75,7 +74,11 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     else:
         os.environ["CC"] = f"{shlex.quote(CC)} -O0"
     os.environ["FLEXGEN_CACHE"] = str(folder.parent if before else folder / "unoptimized")
-    model_library._holder.cache_clear()
+    from flexgen.library import c_module, model_library
+    from flexgen.simulation import compiled_rate
+
+    for kept in (model_library._holder, c_module.c_module, compiled_rate._advance):
+        kept.cache_clear()
 
 
 def pytest_collection_finish() -> None:

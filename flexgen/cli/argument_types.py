@@ -193,6 +193,20 @@ def disturbance(text: str) -> dict[str, Any]:
         ) from None
 
 
+def wall(text: str) -> dict[str, Any]:
+    """``X,Y,Z:NX,NY,NZ:K[:C[:GAP]]``: the numbers of a `flexgen.Wall` by name."""
+    parts = text.split(":")
+    try:
+        vectors, scalars = [tuple(map(float, part.split(","))) for part in parts[:2]], list(map(float, parts[2:]))
+        if not (1 <= len(scalars) <= 3 and all(len(vector) == 3 for vector in vectors)):
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected X,Y,Z:NX,NY,NZ:K[:C[:GAP]], such as 1.2,0,0:-1,0,0:1e5:500"
+        ) from None
+    return dict(zip(("point", "normal", "stiffness", "damping", "gap"), (*vectors, *scalars), strict=False))
+
+
 def joint_value(text: str) -> tuple[str, float]:
     """``NAME=X``."""
     name, equals, value = text.partition("=")

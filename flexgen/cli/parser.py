@@ -18,7 +18,8 @@ from flexgen.cli.argument_parser import MESSAGES, OldName, Once, Parser, UsageEr
 from flexgen.registry import added_names
 from flexgen.verb_parameters import command_of, defaults_of
 from flexgen.verb_rows import PATHS, Option, Verb
-from flexgen.verbs import VERBS, choices_of, export_row, help_of
+from flexgen.verb_texts import choices_of, help_of
+from flexgen.verbs import VERBS, export_row
 from flexgen.version import __version__
 
 __all__ = ["EXAMPLES", "UsageError", "build_parser", "parse"]

@@ -18,6 +18,7 @@ from flexgen.errors import ArgumentError
 from flexgen.verb_parameters import defaults_of
 
 if TYPE_CHECKING:
+    from flexgen.environment.wall import Wall
     from flexgen.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
     from flexgen.results import Result
@@ -73,6 +74,13 @@ def derive_model(args: Namespace, log: Progress | None = None) -> Equations:
     if log is not None:
         log(f"deriving {robot.title}")
     return derive(robot)
+
+
+def wall_of(args: Namespace) -> Wall | None:
+    """The wall of ``--wall``."""
+    from flexgen.environment.wall import Wall
+
+    return None if args.wall is None else Wall(**args.wall)
 
 
 def check_outputs(args: Namespace) -> None:

@@ -224,6 +224,8 @@ class ControlRun(Result):
         values["turn_max_rad"] = turn = None if run.turn is None else float(run.turn[moving].max())
         values["error_max_rad"] = turn if run.turn is not None else values["error_max_rad"]
         values["torque_max_Nm"] = float(np.abs(run.tau_m).max())
+        if run.contact is not None:
+            values["contact_max_N"] = float((run.contact**2).sum(axis=1).max() ** 0.5)
         if run.failure:
             values = {key: None if x is None else float("nan") for key, x in values.items()}
         return {

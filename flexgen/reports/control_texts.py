@@ -21,17 +21,19 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
     from flexgen.mechanics.output_columns import columns_in
 
     units = [u for u in UNITS if columns_in(run.model, u)]
+    touched = any(r.contact is not None for r in run.runs)
     rows = []
     for r in run.runs:
         f = run.figures(r)
         lengths = [1e3 * f[f"{key}_{u}"] for u in units for key in ("error_max", "dynamic_error_max", "error_end")]
-        rows.append([r.name, *lengths, f["torque_max_Nm"], r.saturated, r.failure])
+        force = [f["contact_max_N"]] if touched else []
+        rows.append([r.name, *lengths, f["torque_max_Nm"], *force, r.saturated, r.failure])
     errors = (f"{what}, m{u}" for u in units for what in ("error", "dynamic", "at the end"))
     lines = [
         f"{run.model.name}, move {run.solution.move.name}: {run.status}, controller {run.controller}, sample time "
         f"{number(1e3 * run.hardware.sample_s)} ms, delay {number(1e3 * run.delay_s)} ms",
         "",
-        table(rows, ("robot", *errors, "torque, N m", "samples at the limit", "failure")),
+        table(rows, ("robot", *errors, "torque, N m", *["wall, N"] * touched, "samples at the limit", "failure")),
         *(f"{r.name}: load {r.load}" for r in run.runs if r.load),
     ]
     if any(not r.failure for r in run.runs):

@@ -100,8 +100,11 @@ class Simulation(Result):
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures of the simulation, in SI units: what tables and JSON show."""
+        contact = self.trajectory.channels.get("contact")
+        force = [] if contact is None else [float((contact**2).sum(axis=1).max() ** 0.5)]
         return (
             *error_figures(self),
+            *(Figure("force of the wall, largest", x, "N", "contact_max_N") for x in force),
             Figure("energy error", self.energy_error, "relative", "energy_error"),
             Figure("motor torque, largest", self.torque_max_Nm, "N m", "torque_max_Nm"),
             Figure("motor speed, largest", self.speed_max_rad_s, "rad/s", "speed_max_rad_s"),

@@ -98,6 +98,7 @@ FLOORS = {
     "reports": 13,
     "": 14,  # the front room: tables of public names; only the command line imports it
     "verb_parameters": 15,
+    "verb_texts": 15,
     "verbs": 16,
     "cli": 17,
     "__main__": 18,

@@ -23,7 +23,7 @@ from flexgen.library import compiler
 from flexgen.model_files.catalogue import models
 from flexgen.reports.text_tables import fit_tables, table
 from flexgen.sweeps.summary import group_reasons
-from flexgen.verbs import LISTS
+from flexgen.verb_texts import LISTS
 
 ROOT = Path(__file__).resolve().parents[2]
 

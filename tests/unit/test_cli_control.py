@@ -6,12 +6,15 @@ import json
 from collections import defaultdict
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from toolchain import needs_compiler
 
+import flexgen
 from flexgen.benchmarks.scenario_file import scenario
 from flexgen.cli.main import main
 from flexgen.display import duration
+from flexgen.reports.text_tables import number
 
 pytestmark = needs_compiler
 
@@ -35,6 +38,44 @@ def test_control_in_json(capsys):
         and data["plants"][0]["error_max_m"] < 1e-4
         and data["controller"] == "feedforward only"
     )
+
+
+WALL = "1.14,-0.147,0:0.2,-0.21,0:1e5:500"  # before the end of the line of planar5_nmp
+
+
+def test_a_wall_and_passivity_are_those_of_python(capsys):
+    wall = flexgen.Wall((1.14, -0.147, 0.0), (0.2, -0.21, 0.0), stiffness=1e5, damping=500.0)
+    words = ["control", "planar5_nmp", "--wall", WALL, "--passivity", "--sample-time", "0.001", "-q"]
+    assert main([*words, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    run = flexgen.control("planar5_nmp", wall=wall, sample_time=1e-3, progress=False)
+    force = float(np.linalg.norm(run.nominal.contact, axis=1).max())
+    assert force > 100.0 and data["plants"][0]["contact_max_N"] == force
+    assert data["passivity"]["passive"] is False and data["passivity"]["fails_hz"] == 0.1
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    assert "wall, N" in text and "not passive" in text and number(force) in text
+
+
+def test_a_simulation_with_a_wall_and_what_sensors_read(tmp_path, capsys):
+    path, seen = str(tmp_path / "line.npz"), str(tmp_path / "seen.csv")
+    flexgen.solve("planar5_nmp", "line", verify=False, progress=False).trajectory.save(path)
+    assert main(["simulate", "planar5_nmp", path, "--wall", WALL, "--json", "-q"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["contact_max_N"] > 100.0
+    sensor = 'sensor=[{name="torque1", type="joint_torque", coordinate="q1", unit="N m"}]'
+    assert main(["sense", "planar5_nmp", path, "--set", sensor, "--out", seen, "-q"]) == 0
+    assert "torque1  N m" in capsys.readouterr().out
+    read = flexgen.Trajectory.load(seen)
+    assert read.labels["y_s"] == ("torque1",) and read["y_s"][0, 0] == pytest.approx(857, abs=1)
+    assert main(["sense", "planar5_nmp", path, "-q"]) != 0
+    assert "[[sensor]]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("given", ["1,0,0", "1,0:0,1,0:1e5", "1,0,0:0,1,0", "1,0,0:0,1,0:stiff", "1,0,0:0,1,0:1:2:3:4"])
+def test_walls_that_cannot_be_read(given, capsys):
+    assert main(["control", "planar5_nmp", "--wall", given]) == 2
+    assert "expected X,Y,Z:NX,NY,NZ:K[:C[:GAP]]" in capsys.readouterr().err
 
 
 def test_an_unstable_loop_fails(tmp_path, capsys):

@@ -12,7 +12,7 @@ import flexgen
 from flexgen.cli.main import main
 from flexgen.model.reader import read
 from flexgen.templates import new_model
-from flexgen.verbs import LISTS
+from flexgen.verb_texts import LISTS
 
 ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "models" / "urdf_arm.urdf"

@@ -15,7 +15,8 @@ import flexgen
 from flexgen.cli.parser import parse
 from flexgen.verb_parameters import defaults_of
 from flexgen.verb_rows import Verb, verbs_of
-from flexgen.verbs import VERBS, choices_of
+from flexgen.verb_texts import choices_of
+from flexgen.verbs import VERBS
 
 WRITTEN = {"out", "report", "force"}  # what is written, by the function or by methods of its result
 
@@ -42,6 +43,7 @@ OPTIONS = {
     ("identify", "validate"): "flexgen.fit_motion",
     ("identify", "move"): "IdentificationResult.verdict",
     ("identify", "truth"): "IdentificationResult.verdict",
+    ("control", "passivity"): "flexgen.check_passivity",
     ("fastest", "torque"): "a field of Limits",
     ("fastest", "speed"): "a field of Limits",
     ("fastest", "reserve"): "a field of Limits",

@@ -7,7 +7,7 @@ from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, throttle, with_files, written
+from flexgen.cli.result import Progress, VerbResult, alone, keywords, read_model, throttle, wall_of, with_files, written
 from flexgen.errors import ArgumentError
 from flexgen.reports.text_tables import number, table
 
@@ -29,17 +29,24 @@ def control(args: Namespace, log: Progress) -> VerbResult:
         model,
         plants=dict(args.plants or ()),
         disturbances=[Disturbance(**given) for given in args.disturbances or ()],
-        **keywords(args, "plants", "disturbances"),
+        wall=wall_of(args),
+        **keywords(args, "plants", "disturbances", "wall"),
         progress=throttle(log),
     )
     margins = run.margins()
     data = run.to_dict() | {"margins": {k: m.to_dict() for k, m in margins.items()}}
     text = text_of_control(run, margins)
+    if args.passivity:
+        from flexgen.laws.passivity import check_passivity
+
+        passivity = check_passivity(run)
+        data["passivity"] = passivity.to_dict()
+        text += f"\n\n{passivity}"
     if model.uncertainty is not None and run.status == "done":
         from flexgen.uncertainty.in_loop import error_in_loop, error_text
 
-        options = keywords(args, "move", "plants", "disturbances")
-        data["drawn"] = error_in_loop(run, progress=throttle(log), **options)
+        options = keywords(args, "move", "plants", "disturbances", "wall")
+        data["drawn"] = error_in_loop(run, progress=throttle(log), wall=wall_of(args), **options)
         text += f"\n\n{error_text(data['drawn'])}"
     return with_files(text, data, written(args, run), "" if run.status == "done" else run.status)
 

@@ -1,4 +1,4 @@
-"""The verbs ``solve`` and ``simulate`` of the command line."""
+"""The verbs ``solve``, ``simulate`` and ``sense`` of the command line."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.atomic_files import check_writable
-from flexgen.cli.result import Progress, VerbResult, alone, check_report, derive_model, keywords, with_files
+from flexgen.cli.result import Progress, VerbResult, alone, check_report, derive_model, keywords, wall_of, with_files
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
+from flexgen.reports.text_tables import table
 
 if TYPE_CHECKING:
     from flexgen.inversion.solution import Solution
@@ -145,9 +146,27 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.simulation.simulate import simulate as simulate_model
 
     equations = derive_model(args, log)
-    simulation = simulate_model(equations, args.trajectory, progress=log)
+    simulation = simulate_model(equations, args.trajectory, wall=wall_of(args), progress=log)
     data = {"model": equations.model.name, **simulation.to_dict()}
     warnings = data.pop("warnings")
     files = {"trajectory": None if args.out is None else simulation.save(args.out)}
     text = f"{equations.model.title} under the motor torques of {args.trajectory}\n\n{simulation.to_text()}"
     return with_files(text, data, files, warnings=warnings)
+
+
+def sense(args: Namespace, log: Progress) -> VerbResult:
+    """Compute what the sensors of a model read along a motion."""
+    from flexgen.environment.sense import sense as sense_motion
+    from flexgen.trajectory import Trajectory
+
+    equations = derive_model(args, log)
+    seen = sense_motion(equations, Trajectory.load(args.motion))
+    rows, ranges = [], {}
+    for name in seen.channels:
+        for label, unit, x in zip(seen.labels[name], seen.units[name], seen[name].T, strict=True):
+            rows.append([label, unit, float(x.min()), float(x.max()), float((x**2).mean() ** 0.5)])
+            ranges[label] = {"unit": unit, "least": rows[-1][2], "largest": rows[-1][3], "rms": rows[-1][4]}
+    data = {"model": equations.model.name, "sensors": ranges}
+    text = f"{equations.model.title}: sensors along {args.motion}\n\n"
+    text += table(rows, ("", "unit", "least", "largest", "effective"))
+    return with_files(text, data, {"trajectory": None if args.out is None else seen.save(args.out)})
