@@ -87,6 +87,7 @@ def test_changed_keys_are_the_changed_numbers() -> None:
         assert np.abs(flexgen.tracker_positions(seen, joints) - statics.rest(numbers).measured).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_slopes_are_differences() -> None:
     """Derivatives in all kinds of numbers, through the equilibrium, against central differences."""
     tree, unknowns, x = drawn(flexgen.read(JUSTIN), GROUPS, Priors(compliance=0.3, mass=0.1))

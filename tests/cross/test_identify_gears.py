@@ -132,6 +132,7 @@ def test_a_planted_gear_whose_motor_does_not_feel_it_is_a_model_error() -> None:
 # --- the command line and bad input -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_model(
     short: flexgen.Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -144,6 +145,7 @@ def test_the_command_writes_a_model(
     assert (tmp_path / "page").is_dir()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_used_is_refused(short: flexgen.Trajectory) -> None:
     model, n = model_of("planar5_nmp"), len(short.time)
     few = motor_record(model, short.time[:200], short["q_m"][:200], short["tau_m"][:200])

@@ -85,6 +85,7 @@ def test_learning_finds_lost_motions_of_elements_that_are_larger() -> None:
         assert error < 1e-9 if expected else error > 1e-5
 
 
+@pytest.mark.slow
 def test_learning_refuses_elements_that_the_c_does_not_have() -> None:
     with pytest.raises(
         ArgumentError, match=r"learn: given .*, whose gear of q1 has a hysteresis with exponent or gamma"

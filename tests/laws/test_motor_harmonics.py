@@ -192,6 +192,7 @@ def inverse_error(model: flexgen.RobotModel) -> float:
     return float(flexgen.simulate(model, solution.trajectory, feedback="ppi").tool_error_max_m)
 
 
+@pytest.mark.slow
 def test_elastic_and_rigid_gears_follow_their_path() -> None:
     """Of rigid gears cogging and ripple alone; the planted error are torques without them."""
     assert inverse_error(harmonic("elbow")) < 5e-9

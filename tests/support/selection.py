@@ -59,6 +59,7 @@ UNOPTIMIZED = (
     "cross/test_transmission_error.py",
     "laws/test_impedance.py",
     "laws/test_model_laws.py",
+    "unit/test_held_torques.py",
     "unit/test_many_inversion.py",
 )
 # Cases whose robot or method takes long, by a word of the id or the whole id.
@@ -143,7 +144,8 @@ SLOW_CASES = {
     },
     "cross/test_states_in_commands.py": {"hysteresis", "lugre"},
     "cross/test_symbolic.py": {"skew", "arm-complete", "arm-complete-rigid", "arm-simplified"},
-    "laws/test_amplitude.py": {"nothing"},
+    "laws/test_amplitude.py": {"nothing", "Coulomb friction"},
+    "laws/test_hysteresis_elements.py": {"one element"},
     "laws/test_causes.py": {
         "angles in degrees, read as radians,",
         "exchanged torques of m1 and m2",

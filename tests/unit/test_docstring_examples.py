@@ -17,6 +17,8 @@ SLOW = set(
     Cascade CollisionDetector ControlRun Disturbance ExtendedKalmanFilter Estimate FastestMove FeedbackStudy Inverter
     Library Load MotionFit PathSampler PID PlanProblem PPI Prediction Simulation Solution Stream
     SweepResult TorqueCommand Trajectory TuningResult
+    ManyInverter Impedance sense LearningResult identify_gears GearFit ComputedTorque PositionCommands
+    check_passivity Passivity LoopShaping identify_servo Trial Score identify Detection ServoFit Comparison
     """.split()
 )
 
