@@ -95,7 +95,8 @@ def _drive(coordinate: dict[str, Any]) -> str:
     if gear is not None:
         elastic = gear["type"] != "rigid"
         loop = gear.get("hysteresis")
-        lossy = f", lost motion {loop['lost_motion']:.3g} {coordinate['unit']}" if loop else ""
+        lost = sum(each["lost_motion"] for each in (loop if isinstance(loop, list) else [loop])) if loop else 0.0
+        lossy = f", lost motion {lost:.3g} {coordinate['unit']}" if loop else ""
         return f"elastic gear, {gear['spring']['type']}, {gear['side']} side{lossy}" if elastic else "rigid gear"
     return "beam bending" if spring is None else f"spring, {spring['type']}"
 

@@ -10,11 +10,13 @@ import fmpy
 import fmus
 import numpy as np
 import pytest
+from gear_friction import loaded
 from scipy.integrate import solve_ivp
 
 import flexgen
 from flexgen.exports.fmu import plant as plant_module
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, RATE, STATE
+from flexgen.exports.mujoco_checks import with_friction
 from flexgen.model.elements import Body
 
 # the first is quick: it compiles in a second
@@ -44,6 +46,17 @@ def check_co_simulation(written, model):
 @pytest.mark.parametrize("model", MODELS)
 def test_co_simulation_is_the_motion_of_lagranges_equations(model, version):
     check_co_simulation(fmus.exported(model, version), model)
+
+
+@pytest.mark.slow
+def test_friction_by_load_and_temperature_is_in_the_plant(tmp_path):
+    model = loaded("elbow", 40.0)
+    written = flexgen.export_fmu(model, tmp_path / "arm.fmu", version="2.0")
+    check_co_simulation(written, model)
+    inputs = fmus.inputs_over(written, STEPS)
+    x, _ = fmus.co_simulated(written, inputs, FINE)
+    without = fmus.lagrange(with_friction(model, "viscous")).motion(fmus.starts(written, STATE), inputs)
+    assert fmus.largest_difference(x, without) > 1e-3
 
 
 @pytest.mark.parametrize("version", VERSIONS)

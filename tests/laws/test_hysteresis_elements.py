@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hysteretic import ARCMIN, BENT, SLIPS, Element, Elements, joint_stiffness, with_elements
+from hysteretic import ARCMIN, BENT, SLIPS, Element, Elements, hysteretic, joint_stiffness, with_elements
 from numpy.testing import assert_allclose
 from scipy.integrate import quad, simpson, solve_ivp
 from scipy.special import hyp2f1
@@ -18,6 +18,7 @@ from flexgen.memory import hysteresis as layers_of
 from flexgen.memory import hysteresis_law as law
 from flexgen.memory.hysteresis import gear_layers, torque_along
 from flexgen.memory.hysteretic_gears import hysteretic_deflections
+from flexgen.reports.texts import description_text
 
 KEY = "element.upper.dof.q1.gear"
 DAMPINGS = (f"{KEY}.damping", "element.fore.dof.q2.gear.damping")
@@ -225,3 +226,8 @@ def test_lost_motions_of_elements_are_numbers_of_the_model() -> None:
     wide = with_values(model, {"q1.lost_motion_2": 0.6 * ARCMIN})
     before, after = (np.array([x.slip for x in gear_layers(each)]) for each in (model, wide))
     assert_allclose(after / before, [[1.0, 1.0], [2.0, 1.0], [1.0, 1.0]], rtol=1e-12)
+
+
+def test_the_description_has_the_lost_motion_of_all_elements() -> None:
+    for model in (elbow(SLIPS), hysteretic("elbow")):
+        assert f"lost motion {ARCMIN:.3g} rad" in description_text(flexgen.describe(model))
