@@ -107,7 +107,7 @@ def test_extensions_are_used_from_the_command_line(environment, tmp_path):
     changed = ["--set", 'motor.m1.friction={type="quadratic", viscous=0.5, quadratic=0.25}']
     assert "quadratic" in run(environment, tmp_path, *cli, "describe", "planar5_nmp", *changed, "--json")
     wrong = ["--set", 'motor.m1.friction={type="cubic"}']
-    assert "expected one of quadratic, smooth" in run(
+    assert "expected one of gear, quadratic, smooth" in run(
         environment, tmp_path, *cli, "describe", "planar5_nmp", *wrong, fails=True
     )
     text = run(environment, tmp_path, *cli, "control", "planar5_nmp", "--controller", "unknown", fails=True)

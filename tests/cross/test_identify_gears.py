@@ -89,7 +89,7 @@ def test_a_minute_of_six_axes_with_noise_gives_the_loop() -> None:
     check_hysteresis(flexgen.identify_gears(model_of("manutec_r3_18"), record, progress=False))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_third_of_a_minute_with_noise_gives_the_harmonics() -> None:
     """Transmission errors and cogging within 0.5 %, and no hysteresis where none is."""
     record = with_noise(harmonic_record(20.0), NOISE)
@@ -115,7 +115,7 @@ def test_a_wrong_payload_is_a_model_error(short: flexgen.Trajectory) -> None:
     assert set(found.sd.values()) == {None}
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_planted_gear_whose_motor_does_not_feel_it_is_a_model_error() -> None:
     """A law of another robot: the hysteresis acts on the joints alone."""
     pytest.importorskip("mujoco")

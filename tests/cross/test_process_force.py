@@ -105,7 +105,7 @@ def test_mujoco_with_the_force_follows_the_path(name):
     assert error_in_mujoco(equations, solution.trajectory, sign=-1.0) > 1e-3  # planted: the other sign
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_mujoco_of_six_axes_with_the_force():
     """The first part of the move: the force has grown to all of its size, and errors have not grown yet."""
     equations = flexgen.derive(with_friction(flexgen.read("manutec_r3_24"), "viscous"))  # what MuJoCo has

@@ -73,7 +73,7 @@ def test_learning_finds_a_lost_motion_that_is_larger() -> None:
     assert replayed(run, gears(1.0, *start), 1e-4) > 1e-5  # planted
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_learning_finds_lost_motions_of_elements_that_are_larger() -> None:
     learned = flexgen.learn(with_elements("elbow", SLIPS), plant={"lost_motion": 1.3}, iterations=3, progress=False)
     assert learned.errors[-1] < 0.01 * learned.errors[0] and not learned.stopped
@@ -93,7 +93,7 @@ def test_learning_refuses_elements_that_the_c_does_not_have() -> None:
         flexgen.learn(with_elements("elbow", BENT), iterations=1, progress=False)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_learning_finds_a_friction_that_is_larger() -> None:
     learned = flexgen.learn(
         bristled("elbow", NUMBERS), plant={"lugre_coulomb": 1.3, "lugre_static": 1.3}, iterations=3, progress=False

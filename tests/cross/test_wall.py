@@ -160,7 +160,7 @@ def work_of(wall: Any) -> tuple[float, float]:
     return float(work[last] - work[first]), wall.stiffness * deepest**2 / 2
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_spring_of_a_wall_gives_back_what_it_takes() -> None:
     stiff = {"stiffness": 3e5}
     kept, stored = work_of(wall_before_the_end(**stiff))

@@ -332,7 +332,7 @@ def test_wrong_drive_gains_are_seen_in_the_cost_and_identified():
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.full
 def test_gears_with_low_and_high_stiffness():
     """Local models with averaged springs find the way; the simulation of the experiment gives the numbers."""
     model = flexgen.read(str(ROBOTS / "two_smooth_gears.toml"))
@@ -379,7 +379,7 @@ def test_an_experiment_that_does_not_belong_to_the_fit_is_refused():
 
 # --- what it is worth -------------------------------------------------------------------------------------------------
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.full
 def test_feedforward_with_the_identified_model_is_as_good_as_with_the_true_one():
     """Also the distribution that is predicted without knowing the robot contains the error on the true one."""
     model = without_coulomb("planar5_nmp")

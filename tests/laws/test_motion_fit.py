@@ -68,7 +68,7 @@ def test_parameters_of_a_motion_without_noise(truth: RobotModel, tmp_path: Path)
     assert {"q1.stiffness", "q2.stiffness", "m1.viscous"} <= set(found.used())
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_errors_are_as_large_as_their_deviations(truth: RobotModel, tmp_path: Path) -> None:
     exact = {p.name: p.value for p in flexgen.mechanics.parameters.select(truth, FREE)}
     scores = []
@@ -108,7 +108,7 @@ def test_the_stated_delay_of_a_link_encoder_is_taken_out(truth: RobotModel, tmp_
     assert stated.rms[-1] < 0.2 * late.rms[-1] and stated.fit_percent[-1] > late.fit_percent[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_wrong_hold_shows_as_a_delay(truth: RobotModel, tmp_path: Path) -> None:
     path = recorded(tmp_path, truth)
     right = fit_motion(None, path, free=[*FREE, "delay"], segment_s=0.05)

@@ -107,7 +107,7 @@ def test_the_program_with_its_laws_is_a_program_like_others(found: flexgen.Faste
     assert np.allclose(path.sample([path.duration]).y[:, :, 0], ends.sample([ends.duration]).y[:, :, 0], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_effective_torques_connect_the_motions(given: dict[str, np.ndarray], found: flexgen.FastestMove) -> None:
     """A bound in the middle between those of the slow and the fast program; better than the fast one slowed down."""
     fast = measures(found.solution)["rms"]
