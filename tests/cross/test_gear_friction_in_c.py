@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clib_planted import plant_in_c
 from gear_friction import NUMBERS, loaded
 from states_in_c import GEARS, path_of, stream_errors
 from toolchain import needs_compiler
@@ -118,10 +119,7 @@ PLANTED = {
 @pytest.mark.parametrize("bug", PLANTED)
 def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str) -> None:
     old, new, file = PLANTED[bug]
-    texts = dict(clib_files.read_clib())
-    assert texts[file].count(old) == 1
-    texts[file] = texts[file].replace(old, new)
-    monkeypatch.setattr(clib_files, "read_clib", lambda: texts)
+    plant_in_c(monkeypatch, file, old, new)
     functions = functions_of(robot())
     made = generate_parts(robot(), tmp_path, functions, ("invert", "stream"), progress=lambda line: None)
     with flexgen.load(made.directory) as library:
@@ -136,9 +134,9 @@ def test_libraries_without_it_have_no_trace_of_it() -> None:
         assert "loaded_friction" not in clib_files.render(text, "arm")
     whole = clib_files.read_clib()["whole_path.h"]
     with_both = clib_files.render(whole, "arm", parts=["LOAD", "HARMONICS"])
-    assert (
-        "carried *= " in with_both and "#if" not in with_both.partition("points load[NM]")[2].partition("loaded_f")[0]
-    )
+    _, begin, rest = with_both.partition("points load[NM]")
+    inside, end, _ = rest.partition("loaded_f")
+    assert begin and end and "carried *= " in inside and "#if" not in inside
 
 
 def test_limits_are_refused() -> None:

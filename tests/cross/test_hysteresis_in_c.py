@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clib_planted import plant_in_c
 from hysteretic import ARCMIN, SLIPS, Element, hysteretic, with_elements
 from states_in_c import GEARS, HORIZON, difference, functions_of, inverted, library_of, path_of, stream_errors
 from toolchain import needs_compiler
@@ -134,10 +135,7 @@ PLANTED = {
 @pytest.mark.parametrize("bug", PLANTED)
 def test_planted_errors_of_the_c_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bug: str) -> None:
     old, new = PLANTED[bug]
-    texts = dict(clib_files.read_clib())
-    assert texts["hysteresis.h"].count(old) == 1
-    texts["hysteresis.h"] = texts["hysteresis.h"].replace(old, new)
-    monkeypatch.setattr(clib_files, "read_clib", lambda: texts)
+    plant_in_c(monkeypatch, "hysteresis.h", old, new)
     model = elbow("several")
     made = generate_parts(model, tmp_path, functions_of(model), ("invert", "stream"), progress=lambda line: None)
     move, samples = path_of(model, 1e-3)

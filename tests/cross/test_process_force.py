@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from clib_planted import plant_in_c
 
 import flexgen
 from flexgen.cli.main import main
@@ -176,10 +177,7 @@ PLANTED = {
 @pytest.mark.parametrize("bug", PLANTED)
 def test_planted_bugs_in_the_c_are_seen(tmp_path, monkeypatch, bug):
     old, new = PLANTED[bug]
-    texts = dict(clib_files.read_clib())
-    assert texts["reduced_problem.h"].count(old) == 1
-    texts["reduced_problem.h"] = texts["reduced_problem.h"].replace(old, new)
-    monkeypatch.setattr(clib_files, "read_clib", lambda: texts)
+    plant_in_c(monkeypatch, "reduced_problem.h", old, new)
     equations = flexgen.derive("planar5_nmp")
     try:
         gears, rows = rows_of(equations, *inverted(tmp_path / "made", equations))
