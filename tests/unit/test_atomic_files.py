@@ -26,7 +26,7 @@ from flexgen.atomic_files import (
     write_text,
 )
 from flexgen.errors import ArgumentError
-from flexgen.exports.source_folder import write_folder
+from flexgen.library.source_folder import write_folder
 from flexgen.sweeps.cases import Grid
 from flexgen.sweeps.folder import Folder
 
