@@ -953,7 +953,7 @@ static inline int motors_in_interval(
     if (!hysteretic_window(s, l)) {
         return MODEL_NOT_CONVERGED;
     }
-#else  /* MODEL_HYSTERESIS */
+#else /* MODEL_HYSTERESIS */
     if (!begin_gears(&g, s[PERIOD] / (real)samples_per_interval, s + l->now, space) ||
         !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
         return MODEL_RESULT_NOT_FINITE;
@@ -972,7 +972,6 @@ static inline int motors_in_interval(
         }
         lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
     }
-#endif /* MODEL_HYSTERESIS */
 #if MODEL_PARAMETERS > 0
     for (int i = 0; i < NG;
         ++i) { /* after a change of its damping the deflection of a gear may have to be integrated */
@@ -981,6 +980,7 @@ static inline int motors_in_interval(
         }
     }
 #endif
+#endif /* MODEL_HYSTERESIS */
     for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
         const real *tau = s + l->tau + (k + BACK) * NG, *deflection = s + l->lagged + (k + BACK) * NG;
         const real *joint = s + l->joint + (k + BACK) * JOINT;

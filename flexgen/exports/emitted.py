@@ -15,11 +15,10 @@ from flexgen.codegen.digest import model_digest
 from flexgen.codegen.spec import PrecisionName, library_name
 from flexgen.errors import ArgumentError
 from flexgen.exports.exported import Exported
-from flexgen.exports.source_folder import folder_of, write_folder
 from flexgen.library.generate import generate
+from flexgen.library.source_folder import folder_of, write_folder
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_hysteresis
 
 ModelLike = str | Path | RobotModel | Equations
 _KEPT = 4  # libraries that are kept, so that several exports of a model emit it once
@@ -79,6 +78,11 @@ class Emitted:
         return any(row["name"] == "stream_update" for row in self.manifest["c_functions"])
 
     @property
+    def limits(self) -> bool:
+        """Whether its streams keep limits of the motors."""
+        return any(row["name"] == "stream_limits" for row in self.manifest["c_functions"])
+
+    @property
     def stream(self) -> StreamOptions | None:
         """Recommended options of a stream; None where the home pose has none."""
         found = [_option(self.header, self.name, word) for word in ("PERIOD", "INTERVALS", "SAMPLES_PER_INTERVAL")]
@@ -109,7 +113,6 @@ def _option(header: str, name: str, word: str) -> str | None:
 def resolve(model: ModelLike) -> Equations:
     """Equations without run-time parameters; ArgumentError for something else."""
     equations = model if isinstance(model, Equations) else derive(model)
-    refuse_hysteresis(equations.model, "export")
     if not isinstance(model, Equations):
         return equations
     if model.parameters:

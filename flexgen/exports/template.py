@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from importlib.resources import files
 from xml.sax.saxutils import escape
 
@@ -20,7 +20,12 @@ _WORD = re.compile(r"@([A-Z][A-Z0-9_]*)@")
 
 
 def template(
-    package: str, file: str, name: str, words: Mapping[str, str] | None = None, names: Mapping[str, str] | None = None
+    package: str,
+    file: str,
+    name: str,
+    words: Mapping[str, str] | None = None,
+    names: Mapping[str, str] | None = None,
+    parts: Collection[str] = (),
 ) -> str:
     """The text of a template.
 
@@ -36,6 +41,8 @@ def template(
     names : mapping of str to str
         Further names of the template, and their replacements. They are found before anything is put in: the library
         may have such a name.
+    parts : collection of str
+        As of `flexgen.codegen.clib_files.render`.
 
     Raises
     ------
@@ -51,7 +58,7 @@ def template(
     for k, (own, chosen) in enumerate((names or {}).items()):
         text = text.replace(own, f"@NAME{k}@")
         given[f"NAME{k}"] = chosen
-    return _WORD.sub(lambda found: given[found[1]], render(text, name))
+    return _WORD.sub(lambda found: given[found[1]], render(text, name, parts=parts))
 
 
 def xml_text(text: str) -> str:

@@ -87,8 +87,8 @@ def put_symbols(model: RobotModel, names: Sequence[str]) -> Parametrized:
     if isinstance(names, str):
         raise ArgumentError(f"parameters: given the text {names!r}, expected a sequence of names")
     chosen = select(model, names)
-    if chosen:
-        refuse_hysteresis(model, "parameters")
+    if any(not parameter.key.startswith("payload") for parameter in chosen):
+        refuse_hysteresis(model, "parameters other than those of the payload")
     symbols = ca.SX.sym("parameters", len(chosen))
     values = {parameter.name: symbols[k] for k, parameter in enumerate(chosen)}
     return Parametrized(with_values(model, values), model, symbols, chosen)

@@ -11,12 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from emitted import loaded, random_states
+from remembering import check, compiled, remembering, samples, start
+from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
 from flexgen.cli.main import main
+from flexgen.codegen.clib_files import render
 from flexgen.errors import BuildError
 from flexgen.mechanics.signatures import TABLE
 
+STUBS = Path(__file__).resolve().parents[1] / "support" / "mex_stubs"
 NAME = "planar5_nmp"
 needs_octave = pytest.mark.skipif(
     shutil.which("octave") is None or shutil.which("mkoctfile") is None,
@@ -185,6 +189,32 @@ end
         rows.append(now.tau_m.ravel())
         active += now.limits_active
     assert np.array_equal(out["limited"], np.concatenate(rows)) and out["active"][0] == active > 0
+
+
+def gateway(folder: Path, library: Path) -> Path:
+    """A program that drives the gateway without Octave."""
+    text = render((STUBS / "drive.c").read_text(encoding="ascii"), "elbow")
+    (folder / "drive.c").write_text(text, encoding="ascii")
+    program = folder / f"drive_{library.parent.name}"
+    command = [tool("gcc"), *STRICT, "-O0", "-isystem", STUBS, "-I", folder, '-DGATEWAY="elbow_mex.c"']
+    subprocess.run([*command, folder / "drive.c", library, "-lm", "-o", program], check=True)
+    return program
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
+    """Compiled against a stub header; what the stream forgets from update to update is seen."""
+    flexgen.export_mex(remembering(), tmp_path)
+    zoh, given = 2, np.hstack(samples())
+    numbers = np.concatenate([[10, 5, 5e-3, 1e-6, zoh, 0, len(given)], *start(), given.ravel()]).tobytes()
+
+    def torques(forgets: str) -> np.ndarray:
+        run = subprocess.run([gateway(tmp_path, compiled(forgets))], input=numbers, capture_output=True, check=True)
+        return np.frombuffer(run.stdout).reshape(-1, 2)
+
+    check(torques)
+    assert "limits" not in (tmp_path / "+elbow" / "Stream.m").read_text(encoding="ascii")
 
 
 @needs_octave

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from emitted import loaded, random_states
 from exports import library_object, without_streams
+from remembering import check, compiled, remembering, samples, start
 from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
@@ -92,10 +93,10 @@ def made(tmp_path_factory):
     return folder
 
 
-def declared(folder: Path) -> dict[str, list[tuple[str, str, int]]]:
+def declared(folder: Path, name: str = NAME) -> dict[str, list[tuple[str, str, int]]]:
     """Variables (name, type, size) of every block in the XML, in order."""
     out = {}
-    for pou in ElementTree.parse(folder / f"{NAME}.xml").iter(f"{TC6}pou"):
+    for pou in ElementTree.parse(folder / f"{name}.xml").iter(f"{TC6}pou"):
         rows = []
         for v in pou.iter(f"{TC6}variable"):
             (kind,) = v.find(f"{TC6}type")
@@ -233,6 +234,35 @@ def test_a_planted_error_of_the_struct_is_seen(made, tmp_path):
     ctypes.CDLL(str(tmp_path / "fb.so"))[f"fb_{NAME}_stream_call"](ctypes.byref(block))
     now = loaded(NAME).stream(y, path.q_start, period=5e-3, intervals=10, samples_per_interval=5, hold="zoh")
     assert not np.array_equal(block.tau_m[:], now.update(y, y * 0, y * 0).tau_m.ravel())
+
+
+def torques_with_memory(folder: Path, forgets: str = "") -> np.ndarray:
+    """Of the stream of a robot with memory, which starts twice (2, n, n_m)."""
+    command = [tool("gcc"), *STRICT, "-O0", "-shared", "-fPIC", "-I", folder, folder / "elbow_stream_fb.c"]
+    made = folder / f"{forgets}fb.so"
+    subprocess.run([*command, compiled(forgets), "-o", made], check=True)
+    block, call = struct_of(declared(folder, "elbow")["FB_elbow_stream"])(), ctypes.CDLL(str(made)).fb_elbow_stream_call
+    block.start_output[:], block.q_start[:] = start()
+    found = []
+    for _ in range(2):
+        block.enable = 0
+        call(ctypes.byref(block))
+        block.enable = 1
+        for y, dy, ddy in zip(*samples(), strict=True):
+            block.y[:], block.dy[:], block.ddy[:] = y, dy, ddy
+            call(ctypes.byref(block))
+            assert block.valid == 1
+            found.append(block.tau_m[:])
+    return np.reshape(found, (2, -1, 2))
+
+
+@needs_compiler
+def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
+    """Each start begins without torques of hysteresis and bristles; what an update forgets is seen."""
+    flexgen.export_plcopen(remembering(), tmp_path)
+    first, again = torques_with_memory(tmp_path)
+    assert np.array_equal(first, again)
+    check(lambda forgets: torques_with_memory(tmp_path, forgets)[0])
 
 
 def test_models_without_streams_and_names(tmp_path):

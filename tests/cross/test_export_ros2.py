@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import remembering
 from emitted import loaded
 from exports import library_object, without_streams
 from toolchain import needs_compiler, tool
@@ -28,6 +29,7 @@ from flexgen.exports.emitted import emit
 from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.selftest.motion import targets
 from flexgen.loop.controllers import Cascade
+from flexgen.mechanics.statics import hold_joints
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "ros2_stubs"
 STRICT = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-O0"]
@@ -43,11 +45,11 @@ def eigen() -> Path:
     pytest.skip("no Eigen; install the Python package cmeel-eigen or the Debian package libeigen3-dev")
 
 
-def compiled(folder: Path, *sources: Path, flags: tuple[str, ...] = ()) -> list[str]:
+def compiled(folder: Path, *sources: Path, flags: tuple[str, ...] = (), package: str = ROS) -> list[str]:
     """Object files of C++ sources of a package."""
     out = []
     include = ["-isystem", eigen(), "-isystem", eigen() / "eigen3", "-I", STUBS]
-    include += ["-I", folder / "include", "-I", folder / "include" / ROS]
+    include += ["-I", folder / "include", "-I", folder / "include" / package]
     for source in sources:
         out.append(str(folder / f"{source.stem}.o"))
         command = [tool("g++"), *STRICT, *flags, '-DFIRST_MOTOR="m1"', *include, "-c", source, "-o", out[-1]]
@@ -63,13 +65,18 @@ def package(tmp_path_factory):
     return folder
 
 
+def objects_of(package: Path, name: str) -> list[str]:
+    """Object files of a program that drives plugin and controller, without the library."""
+    text, ros = (STUBS / "drive.cpp").read_text(encoding="ascii"), f"flexgen_{name}"
+    (package / "drive.cpp").write_text(render(text, name).replace("flexgen_model", ros))
+    sources = (package / "src" / "inverse_dynamics.cpp", package / "src" / "stream_controller.cpp")
+    return compiled(package, *sources, package / "drive.cpp", package=ros)
+
+
 @pytest.fixture(scope="module")
 def driver(package):
     """A program that drives plugin and controller."""
-    text = (STUBS / "drive.cpp").read_text(encoding="ascii")
-    (package / "drive.cpp").write_text(render(text, NAME).replace("flexgen_model", ROS))
-    sources = (package / "src" / "inverse_dynamics.cpp", package / "src" / "stream_controller.cpp")
-    objects = compiled(package, *sources, package / "drive.cpp")
+    objects = objects_of(package, NAME)
     subprocess.run([tool("g++"), *objects, library_object(NAME)[1], "-o", package / "drive"], check=True)
     return package / "drive"
 
@@ -199,6 +206,26 @@ def test_a_planted_error_of_the_controller_is_seen(package, driver, tmp_path):
     expected, rest = reference_run(cascade, samples, positions)
     out = drive(tmp_path / "drive", "controller", controller_input(cascade, samples, positions, rest, chained=True))
     assert not np.array_equal(out[:-1].reshape(-1, N_M), expected)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
+    """A controller without feedback; what its stream forgets from update to update is seen."""
+    flexgen.export_ros2(remembering.remembering(), tmp_path, gains=None)
+    objects, given = objects_of(tmp_path, "elbow"), remembering.samples()
+    n, none = len(given[0]), Cascade(*np.zeros((3, 2)), torque_max=np.zeros(2))
+    rest = hold_joints(flexgen.derive("elbow"), remembering.start()[1]).q_m
+    numbers = controller_input(none, given, np.zeros((n * PARTS, 2)), rest, chained=True)
+
+    def torques(forgets: str) -> np.ndarray:
+        program = tmp_path / f"drive{forgets}"
+        subprocess.run([tool("g++"), *objects, remembering.compiled(forgets), "-o", program], check=True)
+        return drive(program, "controller", numbers)[:-1].reshape(-1, 2)
+
+    remembering.check(torques)
+    run = subprocess.run([tmp_path / "drive", "plugin"], input=np.zeros(12).tobytes(), capture_output=True, check=False)
+    assert b"motor m1 has lugre, which depends on the motion before" in run.stderr
 
 
 @needs_compiler

@@ -12,13 +12,15 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from bristled import bristled
 from exports import PLAIN, library_object
+from remembering import BRISTLES, FORGETS, SLIPPING, compiled, remembering
 from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError, SolverError
-from flexgen.exports.source_folder import RECORD, write_folder
+from flexgen.library.source_folder import RECORD, write_folder
 
 
 def program(folder: Path, library: Path, *flags: str, strict: bool = True) -> subprocess.CompletedProcess[str]:
@@ -26,7 +28,7 @@ def program(folder: Path, library: Path, *flags: str, strict: bool = True) -> su
     cc, name = tool("gcc"), library.stem
     words = [*STRICT, "-O0"] if strict else PLAIN
     subprocess.run([cc, *words, *flags, "-c", f"{name}_selftest.c"], cwd=folder, check=True)
-    subprocess.run([cc, f"{name}_selftest.o", library, "-o", "selftest"], cwd=folder, check=True)
+    subprocess.run([cc, f"{name}_selftest.o", library, "-lm", "-o", "selftest"], cwd=folder, check=True)
     return subprocess.run(["./selftest"], cwd=folder, capture_output=True, text=True, check=False)
 
 
@@ -72,6 +74,29 @@ def test_a_robot_whose_output_is_a_pose_passes(tmp_path):
 def test_a_robot_with_24_coordinates_passes(tmp_path):
     flexgen.export_selftest("manutec_r3_24", tmp_path, motion=False)
     run = program(tmp_path, library_object("manutec_r3_24")[1])
+    assert run.returncode == 0 and run.stdout.startswith("PASS"), run.stdout
+
+
+@needs_compiler
+def test_gears_and_motors_with_memory_pass_and_what_they_forget_is_seen(tmp_path):
+    flexgen.export_selftest(remembering(), tmp_path)
+    for forgets in ("", *FORGETS):
+        lines = program(tmp_path, compiled(forgets)).stdout.splitlines()
+        told = "FAIL stream_update.tau_m" if forgets else "PASS"
+        assert lines[0].startswith(told) and lines[-1].startswith(told[:4]), (forgets, lines)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_an_elastic_arm_with_memory_passes(precision, tmp_path):
+    numbers = {motor: BRISTLES for motor in ("m1", "m2")}
+    model = bristled("planar5_nmp", numbers, **{f"element.{arm}.gear.hysteresis": SLIPPING for arm in
+                                               ("arm1.dof.q1", "arm2.dof.q2")})  # fmt: skip
+    made = flexgen.export_selftest(model, tmp_path, precision=precision)
+    command = [tool("gcc"), *PLAIN, "-c", "planar5_nmp.c"]
+    subprocess.run(command, cwd=made.path, check=True)
+    run = program(tmp_path, tmp_path / "planar5_nmp.o")
     assert run.returncode == 0 and run.stdout.startswith("PASS"), run.stdout
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from emitted import loaded, random_states
 from exports import library_object, without_streams
+from remembering import check, compiled, remembering, samples, start
 from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
@@ -30,12 +31,12 @@ def blocks(tmp_path_factory):
     return folder
 
 
-def block(folder: Path, name: str, *flags: str) -> Path:
+def block(folder: Path, name: str, *flags: str, model: str = NAME, library: Path | None = None) -> Path:
     """A program that drives an S-function."""
     program = folder / f"drive_{name}"
-    include = ["-isystem", STUBS, "-I", folder, f'-DSFUNCTION="{NAME}_{name}_sfun.c"']
-    command = [tool("gcc"), *STRICT, "-O0", *include, *flags, STUBS / "drive.c", folder / f"{NAME}_ccaller.c"]
-    subprocess.run([*command, library_object(NAME)[1], "-o", program], check=True)
+    include = ["-isystem", STUBS, "-I", folder, f'-DSFUNCTION="{model}_{name}_sfun.c"']
+    command = [tool("gcc"), *STRICT, "-O0", *include, *flags, STUBS / "drive.c", folder / f"{model}_ccaller.c"]
+    subprocess.run([*command, library or library_object(NAME)[1], "-lm", "-o", program], check=True)
     return program
 
 
@@ -107,6 +108,22 @@ def test_planted_errors_are_seen(blocks, tmp_path, old, new):
     samples = stream_samples(60)
     out = run(block(tmp_path, "stream"), stream_parameters(), np.hstack(samples))
     assert not np.array_equal(out[1:].reshape(60, -1), expected_stream(samples))
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
+    """What the stream forgets from update to update is seen."""
+    flexgen.export_simulink(remembering(), tmp_path)
+    y, q = start()
+    parameters = stream_parameters(intervals=10, samples=5, start_output=y, q_start=q)
+
+    def torques(forgets):
+        program = block(tmp_path, "stream", model="elbow", library=compiled(forgets))
+        rows = run(program, parameters, np.hstack(samples()))[1:].reshape(len(samples()[0]), -1)
+        return rows[:, :10].reshape(-1, 2)
+
+    check(torques)
 
 
 @needs_compiler

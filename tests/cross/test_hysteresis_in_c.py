@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,17 @@ import numpy as np
 import pytest
 from clib_planted import plant_in_c
 from hysteretic import ARCMIN, SLIPS, Element, hysteretic, with_elements
-from states_in_c import GEARS, HORIZON, difference, functions_of, inverted, library_of, path_of, stream_errors
+from states_in_c import (
+    GEARS,
+    HORIZON,
+    difference,
+    functions_of,
+    inverted,
+    library_of,
+    path_of,
+    stream_errors,
+    streamed,
+)
 from toolchain import needs_compiler
 
 import flexgen
@@ -104,6 +115,24 @@ def test_streams_are_whole_paths(kind: str) -> None:
     """Whatever they carry from update to update."""
     model = elbow(kind)
     assert stream_errors(model, library_of(model)) < 1e-8
+
+
+@pytest.mark.parametrize("kind", ["undamped", pytest.param("several", marks=pytest.mark.slow)])
+def test_the_payload_may_be_a_parameter(tmp_path: Path, kind: str) -> None:
+    """Whole paths and streams are those of the model with this payload; other numbers may not."""
+    model, mass = elbow(kind), 40.0
+    heavy = replace(model, payload=replace(model.payload, mass=mass))
+    chosen = {"parameters": ["payload"], "progress": lambda line: None}
+    made = generate_parts(model, tmp_path, functions_of(model), ("invert", "stream"), **chosen)
+    (move, samples), number = path_of(model, 1e-3, still=2 * HORIZON), np.array([mass, *model.payload.com])
+    with flexgen.load(made.directory) as library:
+        options = {"period": 1e-3, "q_start": move.q_start}
+        found = library.invert(*samples, **options, parameters=number)
+        assert difference(found, library_of(heavy).invert(*samples, **options)) < SAME
+        torques = streamed(library, samples, move.q_start, 1e-3, parameters=number)
+    assert np.abs(torques - found.tau_m[: len(torques)]).max() < 1e-8 * np.abs(found.tau_m).max()
+    with pytest.raises(ArgumentError, match=r"parameters other than those of the payload: given .* has hysteresis"):
+        flexgen.derive(model, ["stiffness"])
 
 
 @pytest.mark.parametrize("intervals", [4, 24])

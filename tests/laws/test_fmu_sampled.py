@@ -9,6 +9,8 @@ from time import perf_counter
 import fmus
 import numpy as np
 import pytest
+import remembering
+from clib_planted import plant_in_c
 
 import flexgen
 from flexgen.exports.fmu.variables import INPUT, OUTPUT
@@ -80,6 +82,24 @@ def test_the_feedforward_gives_the_bits_of_the_stream(model, version):
     assert np.abs(np.diff(found[:, 0])).max() > 1e-3  # (it moves)
     late = np.vstack([u[:1], u[:-1]])  # planted: each sample one update late
     assert not np.array_equal(streamed(written, late)[:, : expected.shape[1]], expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_gears_and_motors_with_memory_have_the_torques_of_solve(version, tmp_path):
+    """A second instance begins without torques of hysteresis and bristles; what a sample forgets is seen."""
+    model, given = remembering.remembering(), np.hstack(remembering.samples())
+
+    def torques(forgets):
+        with pytest.MonkeyPatch.context() as patch:
+            if forgets:
+                plant_in_c(patch, *remembering.FORGETS[forgets])
+            written = flexgen.export_fmu(model, tmp_path / f"a{forgets}.fmu", block="feedforward", version=version)
+        found, again = (streamed(written, given)[:, :2] for _ in range(2))
+        assert np.array_equal(found, again)
+        return found
+
+    remembering.check(torques, "spline")
 
 
 @pytest.mark.slow

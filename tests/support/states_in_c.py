@@ -51,10 +51,12 @@ def inverted(model: flexgen.RobotModel, monkeypatch: pytest.MonkeyPatch) -> tupl
     return solution, *calls[-1]
 
 
-def streamed(library: Library, samples: list[np.ndarray], q_start: np.ndarray, period: float) -> np.ndarray:
+def streamed(
+    library: Library, samples: list[np.ndarray], q_start: np.ndarray, period: float, **options: Any
+) -> np.ndarray:
     """Motor torques of a stream at the samples."""
     y, dy, ddy = samples
-    stream = library.stream(y[0], q_start, period=period, intervals=HORIZON)
+    stream = library.stream(y[0], q_start, period=period, intervals=HORIZON, **options)
     found = [stream.update(y[k], dy[k], ddy[k]) for k in range(1, len(y))]
     assert all(each.converged for each in found[HORIZON:])
     return np.concatenate([each.tau_m for each in found])[HORIZON - 1 :]

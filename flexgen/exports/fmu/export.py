@@ -124,7 +124,8 @@ def export_fmu(
     log = progress if callable(progress) else lambda line: None
     binaries = binaries_of(version, binary, platforms)
     robot = model if isinstance(model, RobotModel) else read(model)
-    refuse_hysteresis(robot, "export")
+    if block == "plant":
+        refuse_hysteresis(robot, "export_fmu, block plant")
     return _written(robot, path, (version, block, binaries), given, log)
 
 

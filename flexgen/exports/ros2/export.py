@@ -17,7 +17,8 @@ from flexgen.exports.selftest.golden import output_at
 from flexgen.exports.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import propose_gains
-from flexgen.model.friction import refuse_load
+from flexgen.model.elements import RobotModel
+from flexgen.model.friction import bristled_motors, refuse_load
 from flexgen.numerics.evaluate import evaluate
 from flexgen.spec.ports import CPP_KEYWORDS
 from flexgen.type_checks import checked_types
@@ -172,6 +173,7 @@ def _words(library: Emitted, package: str, controller: bool, gains: Cascade | No
         "ACTUATED": ", ".join(str(i) for i in model.i_g),
         "MOTORS": ", ".join(quote(motor.name) for motor in model.motors),
         "HOME_TORQUES": numbers(torques),
+        "BRISTLES": _bristles(model),
         "STREAM": "",
         "DEPENDS": "",
         "CONTROLLER": "",
@@ -214,6 +216,14 @@ inline constexpr double START_TOLERANCE = {tolerance!r};
         "INTERVALS": str(options.intervals),
         "SAMPLES": str(options.samples_per_interval),
     }
+
+
+def _bristles(model: RobotModel) -> str:
+    """The line that refuses the friction of a state of which the interface has the velocities alone."""
+    if not (names := bristled_motors(model)):
+        return ""
+    told = f"friction: given velocities, expected none: motor {names[0]} has lugre, which depends on the motion before"
+    return f"    throw std::runtime_error({quote(told)});\n"
 
 
 def _gains_text(gains: Cascade | None, n: int) -> str:

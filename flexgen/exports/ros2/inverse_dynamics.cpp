@@ -80,7 +80,7 @@ Eigen::VectorXd InverseDynamics::getGravityVector(const Eigen::VectorXd &joint_p
 Eigen::VectorXd InverseDynamics::getFrictionVector(const Eigen::VectorXd &joint_velocities) const
 {
     check(initialized_, "joint_velocities", joint_velocities);
-    double v_m[MODEL_NM], f_m[MODEL_NM];
+@BRISTLES@    double v_m[MODEL_NM], f_m[MODEL_NM];
     for (int j = 0; j < MODEL_NM; ++j) {
         v_m[j] = 0.0;
         for (int i = 0; i < MODEL_NG; ++i) {

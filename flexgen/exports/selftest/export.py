@@ -12,6 +12,7 @@ from flexgen.exports.selftest.cases import cases
 from flexgen.exports.selftest.golden import at_rest, compute_expected, states
 from flexgen.exports.selftest.motion import motion_of
 from flexgen.exports.template import template
+from flexgen.model.friction import bristled_motors
 from flexgen.model.moves import Move
 from flexgen.type_checks import checked_types
 
@@ -78,8 +79,9 @@ def export_selftest(
             rest = None
         if motion and equations.model.moves:
             moving = motion_of(equations, library.stream, move)
+    words = {"LIBM": " -lm" * bool(bristled_motors(equations.model))}
     texts = library.texts() | {
-        f"{name}_selftest.c": template(PACKAGE, "selftest.c", name),
+        f"{name}_selftest.c": template(PACKAGE, "selftest.c", name, words),
         f"{name}_selftest_cases.h": cases(library, given, results, rest, moving),
     }
     return library.write("selftest", directory, texts, force=force)

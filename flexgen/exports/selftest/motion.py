@@ -12,6 +12,7 @@ from flexgen.exports.emitted import StreamOptions
 from flexgen.inversion.solve import solve
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
+from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.model.moves import Move
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, PathSample, find_move
@@ -51,18 +52,21 @@ def motion_of(equations: Equations, options: StreamOptions, move: str | Move | N
 
     The torques are those of the method "collocation" on the definition, which shares no code with the stream (without
     coordinates without motor: "closed-form"). Of robots with more than `SMALL` coordinates, for which it takes minutes,
-    they are those of `flexgen.solve`. A simulation of the full model by the definition verifies them in each case.
+    and of those whose gears or motors have memory, they are those of `flexgen.solve`. A simulation of the full model by
+    the definition verifies them in each case.
 
     Raises
     ------
     ArgumentError, SolverError
         The move does not exist, or its torques are not found; `motion=False` leaves this test out.
     """
-    chosen = find_move(equations.model, move)
+    model = equations.model
+    chosen = find_move(model, move)
     path = Path(equations, chosen)
     n = min(math.ceil(path.duration / options.period), UPDATES) + options.intervals
     sample = path.sample(np.arange(n + 1) * options.period)
-    method = "closed-form" if not equations.model.n_e else "collocation" if equations.model.n_a <= SMALL else "auto"
+    quick = model.n_a <= SMALL and not (hysteretic_joints(model) or bristled_motors(model))
+    method = "closed-form" if not model.n_e else "collocation" if quick else "auto"
     try:
         found = solve(equations, chosen, method, ignore_limits=True, progress=False)
         if found.status is not Status.SOLVED:

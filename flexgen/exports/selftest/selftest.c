@@ -1,7 +1,7 @@
 /*
  * Self-test of the library on the computer that it runs on. Written by flexgen.
  *
- *   cc -std=c99 -O2 -ffp-contract=off model_selftest.c model.c -o model_selftest && ./model_selftest
+ *   cc -std=c99 -O2 -ffp-contract=off model_selftest.c model.c@LIBM@ -o model_selftest && ./model_selftest
  *
  * It calls every function of one point and, where the library has it, a stream along a path, and
  * compares the results with numbers that Lagrange's equations gave on another computer. It prints PASS or FAIL and the

@@ -1,0 +1,96 @@
+"""A robot whose gears and motors have memory, for the exports: a path, the torques of `solve`, errors in the C."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from exports import PLAIN, folder
+from toolchain import tool
+
+import flexgen
+from flexgen.exports.emitted import emit
+from flexgen.exports.selftest.golden import output_at
+from flexgen.exports.selftest.motion import targets
+from flexgen.inversion.hold import Hold, torque_command
+from flexgen.simulation.hold_names import HoldName
+
+NAME, PERIOD, INTERVALS, SAMPLES = "elbow", 5e-3, 10, 5
+GEARS = {"q1": "element.upper.dof.q1.gear", "q2": "element.fore.dof.q2.gear"}
+SLIPPING = [{"lost_motion": 1e-4, "stiffness": 1e5}, {"lost_motion": 2e-4, "stiffness": 5e4}]
+BRISTLES = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 800.0, "damping": 1.5}
+# a stream in its C that forgets at the end of each update how far its gears, or its bristles, are
+FORGETS = {
+    "hysteresis": ("hysteresis.h", "        copy(b->z_r[e], NG, x + (3 + e) * NG);\n", ""),
+    "lugre": ("stream_update.h", "                kept[j] = z;\n", ""),
+}
+SAME, WRONG = 1e-6, 1e-3  # of the largest torque of a motor; with one of these errors
+
+
+@cache
+def remembering() -> flexgen.RobotModel:
+    """The model elbow with two elements of hysteresis in each gear and bristles in each motor."""
+    gears: dict[str, object] = {f"{gear}.hysteresis": SLIPPING for gear in GEARS.values()}
+    return flexgen.read(NAME, overrides=gears | {f"motor.{motor}.lugre": BRISTLES for motor in ("m1", "m2")})
+
+
+@cache
+def start() -> tuple[np.ndarray, np.ndarray]:
+    """Output and arm coordinates where the path starts."""
+    path = flexgen.plan(remembering())
+    return output_at(flexgen.derive(remembering()), np.asarray(path.q_start)), np.asarray(path.q_start)
+
+
+@cache
+def samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a stream gets in its updates: the output of the move and its derivatives (n, 2), then as many at rest."""
+    path = flexgen.plan(remembering())
+    t = np.arange(1, round(path.duration / PERIOD) + INTERVALS) * PERIOD
+    sample = path.sample(t)
+    return targets(sample), sample.derivative(1), sample.derivative(2)
+
+
+@cache
+def solved(hold: HoldName) -> np.ndarray:
+    """Torques (n, n_m) that a controller sends by `solve`, whose stages are in Python, at all samples of a stream."""
+    solution = flexgen.solve(remembering(), method="closed-form", verify=False, progress=False)
+    given = solution.trajectory
+    time, tau = given.time, given["tau_m"]
+    if hold != "spline":
+        sent = torque_command(given, Hold(hold, PERIOD / SAMPLES))
+        time, tau = sent.time, sent.values
+    assert time[0] == 0.0 and np.allclose(np.diff(time), PERIOD / SAMPLES)
+    n = SAMPLES * (len(samples()[0]) - INTERVALS)
+    return np.concatenate([np.tile(tau[0], (SAMPLES * (INTERVALS - 1), 1)), tau[:n]])
+
+
+def torque_error(found: np.ndarray, hold: HoldName) -> float:
+    """Largest difference of torques (n, n_m) to `solved`, relative to the largest torque of each motor."""
+    expected = solved(hold)[: len(found)]
+    return float((np.abs(found[: len(expected)] - expected).max(axis=0) / np.abs(expected).max(axis=0)).max())
+
+
+@cache
+def compiled(forgets: str = "") -> Path:
+    """The object file of the C of all exports, with one of the errors."""
+    library, place = emit(remembering()), folder() / f"remembering-{forgets}"
+    text = library.source
+    if forgets:
+        _, old, new = FORGETS[forgets]
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    place.mkdir()
+    for file, content in {f"{NAME}.h": library.header, f"{NAME}.c": text}.items():
+        (place / file).write_text(content, encoding="ascii")
+    subprocess.run([tool("gcc"), *PLAIN, "-c", f"{NAME}.c"], cwd=place, check=True)
+    return place / f"{NAME}.o"
+
+
+def check(torques: Callable[[str], np.ndarray], hold: HoldName = "zoh") -> None:
+    """The torques (n, n_m) of an export are those of `solve`; ``torques``: with one of `FORGETS`, or an empty text."""
+    assert torque_error(torques(""), hold) < SAME
+    for forgets in FORGETS:
+        assert torque_error(torques(forgets), hold) > WRONG, forgets
