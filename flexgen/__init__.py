@@ -181,7 +181,7 @@ _NOUNS = {
     "Controller": "flexgen.loop.interface",
     "ControlRun": "flexgen.loop.result",
     "Detection": "flexgen.observers.collision",
-    "Disturbance": "flexgen.loop.disturbances",
+    "Disturbance": "flexgen.environment.disturbances",
     "DriveHardware": "flexgen.loop.hardware",
     "Equations": "flexgen.mechanics.equations",
     "Equilibrium": "flexgen.mechanics.statics",

@@ -14,6 +14,7 @@ from flexgen.calibration.calibrate import calibrate as calibrate
 from flexgen.calibration.parameters import Priors as Priors
 from flexgen.calibration.poses import StaticPoses as StaticPoses
 from flexgen.calibration.result import Calibration as Calibration
+from flexgen.environment.disturbances import Disturbance as Disturbance
 from flexgen.environment.sense import sense as sense
 from flexgen.environment.wall import Wall as Wall
 from flexgen.errors import ArgumentError as ArgumentError
@@ -71,7 +72,6 @@ from flexgen.loop.comparison import compare as compare
 from flexgen.loop.control import control as control
 from flexgen.loop.controllers import Cascade as Cascade
 from flexgen.loop.controllers import Linear as Linear
-from flexgen.loop.disturbances import Disturbance as Disturbance
 from flexgen.loop.gains import PID as PID
 from flexgen.loop.gains import PPI as PPI
 from flexgen.loop.hardware import DriveHardware as DriveHardware

@@ -13,9 +13,9 @@ from flexgen.benchmarks.draws import Draw, draws_of
 from flexgen.benchmarks.measures import at_rest, compute_measures, measures_of
 from flexgen.benchmarks.scenario import Scenario
 from flexgen.deadline import check_time
+from flexgen.environment.disturbances import disturbance_table
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
-from flexgen.loop.disturbances import disturbance_table
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import Controller
 from flexgen.loop.plants import NOMINAL, LocalDynamics

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from flexgen.benchmarks.scenario import Scenario, Window
-from flexgen.loop.disturbances import Disturbance
+from flexgen.environment.disturbances import Disturbance
 
 FIRST_K = 2**20  # the number of the first sample that a controller sees is drawn from FIRST_K to 2 FIRST_K
 

@@ -13,8 +13,8 @@ from typing import Any
 
 from flexgen.benchmarks.content import content_hash
 from flexgen.display import short_repr
+from flexgen.environment.disturbances import Disturbance
 from flexgen.errors import ArgumentError
-from flexgen.loop.disturbances import Disturbance
 from flexgen.loop.plants import Plants
 from flexgen.model.elements import RobotModel
 from flexgen.type_checks import checked_class

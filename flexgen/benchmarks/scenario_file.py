@@ -14,9 +14,9 @@ from scipy.linalg import hadamard
 
 from flexgen.benchmarks.measures import REST_S
 from flexgen.benchmarks.scenario import FROZEN, NAMES, Accept, Output, Plan, Scenario, Segment, Window
+from flexgen.environment.disturbances import DISTURBANCES, TOOL_AXES, Disturbance
 from flexgen.errors import ArgumentError
 from flexgen.loop.controller_files import CONTROLLER, table_controller
-from flexgen.loop.disturbances import DISTURBANCES, TOOL_AXES, Disturbance
 from flexgen.loop.plants import NOMINAL, Plants
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel

@@ -20,6 +20,7 @@ import numpy as np
 
 from flexgen.deadline import check_time
 from flexgen.display import short_repr
+from flexgen.environment.disturbances import Disturbance
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
@@ -28,7 +29,6 @@ from flexgen.laws.linearising import FeedbackLinearisation
 from flexgen.laws.state_lq import LQ
 from flexgen.loop.control import Case, case_controller, control_case, run_case
 from flexgen.loop.controllers import Cascade
-from flexgen.loop.disturbances import Disturbance
 from flexgen.loop.gains import motor_inertias
 from flexgen.loop.interface import Controller
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle

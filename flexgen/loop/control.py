@@ -17,6 +17,7 @@ import numpy as np
 
 from flexgen.analysis.second_order import largest_rate as largest_eigenvalue
 from flexgen.deadline import check_time
+from flexgen.environment.disturbances import Disturbance, disturbance_table
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.environment.sense import signals_of
 from flexgen.environment.wall import Wall, check_start, contact_force, in_world, numbers_of, wall_force
@@ -26,7 +27,6 @@ from flexgen.inversion.solve import solve
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Linear
-from flexgen.loop.disturbances import Disturbance, disturbance_table
 from flexgen.loop.hardware import DriveHardware, SensorChannels
 from flexgen.loop.hysteresis import States, hysteretic_robots, largest_rate, split_plants, without_states
 from flexgen.loop.interface import Controller

@@ -25,10 +25,10 @@ from flexgen.benchmarks.measures import compute_measures, measures_of
 from flexgen.benchmarks.scenario import Output, Scenario, Window
 from flexgen.benchmarks.scenario_file import FOLDER, scenario
 from flexgen.benchmarks.score import reference_measures
+from flexgen.environment.disturbances import disturbance_table
 from flexgen.errors import ArgumentError
 from flexgen.loop import interface
 from flexgen.loop.closed_loop import ClosedLoop
-from flexgen.loop.disturbances import disturbance_table
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import PythonController
 from flexgen.model.reader import packaged_models

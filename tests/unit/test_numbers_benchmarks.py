@@ -20,9 +20,9 @@ from flexgen.benchmarks.measures import Measure, at_rest, compute_measures, meas
 from flexgen.benchmarks.scenario import Accept, Output, Plan, Segment, Window
 from flexgen.benchmarks.scenario_file import _plants, scenario
 from flexgen.benchmarks.score import Score, _find_broken_rule, draw_totals, robot_scores
+from flexgen.environment.disturbances import Disturbance
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Linear
-from flexgen.loop.disturbances import Disturbance
 from flexgen.loop.gains import PPI
 from flexgen.position_servo.filters import LowPass, Notch
 

@@ -12,13 +12,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm, solve_discrete_are
 
 import flexgen
+from flexgen.environment.disturbances import Disturbance
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.laws import bound, chain, loop_shaping, motor_laws, stability, study
 from flexgen.laws.linearising import ComputedTorque, FeedbackLinearisation, check_frequency
 from flexgen.laws.lq import LQG, regulator, torque_scale
 from flexgen.laws.state_lq import LQ
 from flexgen.loop.channels import channels_of
-from flexgen.loop.disturbances import Disturbance
 from flexgen.loop.interface import Measurement, Reference
 from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
 from flexgen.loop.timing import Timing

@@ -15,12 +15,12 @@ from scipy.linalg import block_diag, expm
 from scipy.signal import bilinear, cont2discrete, freqz
 
 import flexgen
+from flexgen.environment.disturbances import Disturbance, disturbance_table, rows_of
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop import closed_loop, control, margins, robots_in_c, robustness
 from flexgen.loop.channels import channels_of
 from flexgen.loop.controller_files import system_controller
 from flexgen.loop.controllers import Cascade, Linear, times
-from flexgen.loop.disturbances import Disturbance, disturbance_table, rows_of
 from flexgen.loop.gains import PID, PPI, motor_inertias
 from flexgen.loop.hardware import DriveHardware, SensorChannels
 from flexgen.loop.interface import Measurement, Reference

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 def control(args: Namespace, log: Progress) -> VerbResult:
     """Simulate a move in the closed loop with feedforward, for the model and robots that differ from it."""
+    from flexgen.environment.disturbances import Disturbance
     from flexgen.loop.control import control as simulate
-    from flexgen.loop.disturbances import Disturbance
     from flexgen.reports.control_texts import text_of_control
 
     model = read_model(args)
