@@ -13,7 +13,8 @@ import numpy as np
 import flexgen
 from flexgen.laws.chain import largest_frequency
 from flexgen.laws.study import ARM, FAMILIES, FeedbackStudy, feedback_study
-from flexgen.loop.control import Case, case_controller, control_case, run_case
+from flexgen.loop.case import Case, control_case
+from flexgen.loop.control import case_controller, run_case
 from flexgen.loop.timing import Timing
 
 TARGET = Path(__file__).with_suffix(".md")

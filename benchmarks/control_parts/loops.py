@@ -12,7 +12,8 @@ from control_parts.observers import ACCELEROMETER
 from control_parts.robots import PythonCascade
 
 import flexgen
-from flexgen.loop.control import control_case, run_case
+from flexgen.loop.case import control_case
+from flexgen.loop.control import run_case
 from flexgen.loop.named_controllers import controller_of
 from flexgen.mechanics.limits import Limits
 

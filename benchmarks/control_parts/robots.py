@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 import flexgen
-from flexgen.loop.control import control_case, run_case
+from flexgen.loop.case import control_case
+from flexgen.loop.control import run_case
 from flexgen.loop.interface import Measurement, Reference
 from flexgen.loop.named_controllers import controller_of
 from flexgen.mechanics.limits import Limits

@@ -27,7 +27,8 @@ from flexgen.inversion.solve import solve
 from flexgen.laws.chain import FORMS
 from flexgen.laws.linearising import FeedbackLinearisation
 from flexgen.laws.state_lq import LQ
-from flexgen.loop.control import Case, case_controller, control_case, run_case
+from flexgen.loop.case import Case, control_case
+from flexgen.loop.control import case_controller, run_case
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import motor_inertias
 from flexgen.loop.interface import Controller

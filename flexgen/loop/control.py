@@ -7,95 +7,34 @@ proportion to time along the path. The dynamic part is the rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path as FilePath
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.second_order import largest_rate as largest_eigenvalue
 from flexgen.deadline import check_time
 from flexgen.environment.disturbances import Disturbance, disturbance_table
 from flexgen.environment.robot_function import RobotFunction
-from flexgen.environment.sense import signals_of
-from flexgen.environment.wall import Wall, check_start, contact_force, in_world, numbers_of, wall_force
+from flexgen.environment.wall import Wall, contact_force, numbers_of, wall_force
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
-from flexgen.inversion.solve import solve
-from flexgen.library.model_library import library_with
+from flexgen.loop.case import SAMPLE_S, Case, control_case, with_wall
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Linear
-from flexgen.loop.hardware import DriveHardware, SensorChannels
-from flexgen.loop.hysteresis import States, hysteretic_robots, largest_rate, split_plants, without_states
+from flexgen.loop.hardware import SensorChannels
 from flexgen.loop.interface import Controller
-from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.model_law import ModelLaw
 from flexgen.loop.named_controllers import controller_of
-from flexgen.loop.plants import NOMINAL, LocalDynamics, Plants, plants_of
-from flexgen.loop.reference import MotionReference, motion_reference, time_grid
 from flexgen.loop.result import ControlRun, PlantRun, output_errors
-from flexgen.mechanics.equations import Equations, derive, robot_of
+from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, RobotModel
-from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
-from flexgen.spec.arguments import check_not_negative, is_number, mapping_of, seed_of
 from flexgen.type_checks import checked_types
 
-HOLD_S = 2.0  # at rest before the motion: integral parts settle
-AFTER_S = 0.5
-SAMPLE_S = 5e-4
 CHUNK = 2000  # samples between two progress messages
-POINTS = PARTS = 40  # of the reference where eigenvalues are computed, and parts with gains of their own
-WALL_STEPS = 4.0  # times as short as the fastest eigenvalue needs
-TOOL_FORCE = "forward_dynamics_tool_force"
-
-
-@dataclass(frozen=True)
-class Case:
-    """Parts of a closed loop, ready to run with any controller.
-
-    ``plants``, ``library``, ``equations``: of the springs and dampers; ``gears``: the robots with their hysteresis;
-    ``signals``: of sensors that feel the force on the tool; ``laws``: of the hysteresis.
-    """
-
-    model: RobotModel
-    solution: Solution
-    plants: Plants
-    reference: MotionReference
-    hardware: DriveHardware
-    delay_samples: int
-    disturbances: Mapping[int, Sequence[Disturbance]]
-    library: Any
-    rests: tuple[tuple[np.ndarray, np.ndarray], ...]
-    rate: float
-    seed: int
-    equations: Equations
-    exact_state: bool = False
-    gears: RobotFunction | None = None
-    signals: RobotFunction | None = None
-    laws: tuple[States, ...] = ()
-    wall: Wall | None = None
-
-    @property
-    def sample_time(self) -> float:
-        """Of the controller [s]."""
-        return self.hardware.sample_s
-
-    @property
-    def delay(self) -> float:
-        """From the measurement to the torque [s]."""
-        return self.delay_samples * self.hardware.sample_s + self.hardware.delay_s
-
-    def law_motion(self) -> LawMotion:
-        """The planned motion for laws that evaluate the model."""
-        eq = self.equations
-        return LawMotion(
-            eq.model, eq, self.solution.trajectory, self.reference, self.sample_time, self.delay, self.exact_state,
-            self.rate,
-        )  # fmt: skip
+PARTS = 40  # of the reference with gains of their own
 
 
 @checked_types(own=("plants",))
@@ -205,92 +144,6 @@ def _beside_the_state(controller: Linear, model: RobotModel) -> Linear:
     return Linear(A, B, C, D, controller.samples)
 
 
-def control_case(
-    model: str | FilePath | RobotModel | Equations,
-    move: str | Move | None = None,
-    *,
-    sample_time: float = SAMPLE_S,
-    delay: float = 0.0,
-    plants: Mapping[str, Mapping[str, float]] | None = None,
-    disturbances: Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]] = (),
-    encoder_noise: float = 0.0,
-    encoder_resolution: float = 0.0,
-    torque_limits: bool = True,
-    exact_state: bool = False,
-    seed: int = 0,
-    solution: Solution | None = None,
-    progress: Callable[[str], None] | None = None,
-) -> Case:
-    """The same without a controller: solve the move, make the robots, find their rest positions; see `control`."""
-    tell = progress or (lambda line: None)
-    robot = robot_of(model)
-    _check_times(sample_time, delay)
-    seed = seed_of(seed)
-    check_not_negative("encoder_noise", encoder_noise)
-    check_not_negative("encoder_resolution", encoder_resolution)
-    changed = mapping_of("plants", {} if plants is None else plants, "the changes of each plant by its name")
-    if solution is None:
-        tell("solving the move")
-        solution = solve(robot, move, progress=progress)
-    chosen, laws = split_plants(robot, plants_of(robot, {NOMINAL: {}, **changed}))
-    of_lane = _of_lanes(disturbances, chosen.names)
-    names = tuple(p.name for p in chosen.parameters)
-    forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
-    elastic = without_states(robot)
-    felt = any(sensor.of_force for sensor in robot.sensors)
-    shown = ["sensors"] if robot.sensors and not felt else []
-    functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *shown]
-    library = library_with(elastic, functions, parameters=names, per_point=bool(names), progress=progress)
-    nominal = derive(elastic)
-    path = Path(nominal, solution.move)
-    trajectory = solution.trajectory
-    span = float(trajectory.time[0]), float(trajectory.time[-1])
-    time = time_grid(*span, sample_time, HOLD_S, AFTER_S)
-    local = LocalDynamics(derive(elastic, names))
-    known = signals_of(nominal) if felt else None
-    reference = motion_reference(trajectory, path, sample_time, delay, library, time, known)
-    signals = RobotFunction(signals_of(local.equations, True), chosen.values, tell) if felt else None
-    start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
-    rests = tuple(local.rest(start, values, at) for values in chosen.values)
-    limits = tuple(m.torque_max or 0.0 for m in robot.motors) if torque_limits else ()
-    whole = int(delay / sample_time + 1e-9)
-    rest = delay - whole * sample_time
-    hardware = DriveHardware(
-        sample_time, rest if rest > 1e-9 * sample_time else 0.0, encoder_resolution, encoder_noise, 0.0, limits
-    )
-    points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
-    rate, gears = max(local.largest_rate(points, values) for values in chosen.values), None
-    if laws:
-        pairs = zip(chosen.values, laws, strict=True)
-        rate = max(largest_rate(local, points, reference.motion, values, law) for values, law in pairs)
-        gears = hysteretic_robots(local.equations.pushed if forced else local.equations, chosen.values, laws, tell)
-    case = Case(
-        robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal, exact_state
-    )
-    return replace(case, gears=gears, signals=signals, laws=laws)
-
-
-def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) -> Case:
-    """The case of robots whose tools touch a wall, with integration steps that are short enough for it."""
-    for q_a, _ in case.rests:
-        check_start(wall, case.equations, q_a)
-    tell, names = progress or (lambda line: None), tuple(p.name for p in case.plants.parameters)
-    elastic = case.equations.model
-    functions = dict.fromkeys((*case.library.functions, TOOL_FORCE))
-    library = library_with(elastic, [*functions], parameters=names, per_point=bool(names), progress=progress)
-    local, reference = LocalDynamics(derive(elastic, names)), case.reference
-    points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
-    normal = np.zeros((len(points[0]), elastic.dof))
-    jacobians = evaluate(case.equations.function("jacobian"), points[0])[0].reshape(-1, 6, elastic.n_a)
-    normal[:, : elastic.n_a] = np.einsum("i,kij->kj", in_world(wall, elastic)[1], jacobians[:, :3])
-    pushing, rate = normal[:, :, None] * normal[:, None], 0.0
-    for values in case.plants.values:
-        M, D, K, _ = local.matrices(points, values)
-        rate = max(rate, largest_eigenvalue(M, D + wall.damping * pushing, K + wall.stiffness * pushing))
-    gears = hysteretic_robots(local.equations.pushed, case.plants.values, case.laws, tell) if case.laws else case.gears
-    return replace(case, library=library, rate=WALL_STEPS * np.hypot(rate, case.rate), gears=gears, wall=wall)
-
-
 def run_case(
     case: Case,
     controller: Controller,
@@ -371,31 +224,3 @@ def _channels(robot: RobotModel, sample_s: float, signals: RobotFunction | None 
         late += [whole] * len(sensor.channels)
     none = np.zeros(len(noise))
     return SensorChannels(np.array(noise), none, none, np.array(late, int), signals)
-
-
-def _of_lanes(
-    given: Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]], names: Sequence[str]
-) -> dict[int, tuple[Disturbance, ...]]:
-    """Disturbances of each robot by its number."""
-    if isinstance(given, Mapping):
-        unknown = [name for name in given if name not in names]
-        if unknown:
-            raise ArgumentError(f"disturbances: given plant {unknown[0]!r}, expected one of {', '.join(names)}")
-        return {k: _check_disturbances(given.get(name, ())) for k, name in enumerate(names)}
-    return dict.fromkeys(range(len(names)), _check_disturbances(given))
-
-
-def _check_disturbances(given: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
-    """Disturbances as a tuple; ArgumentError for something else."""
-    found = tuple(given) if isinstance(given, Iterable) else (None,)
-    if not all(isinstance(each, Disturbance) for each in found):
-        raise ArgumentError(f"disturbances: given {given!r}, expected objects of flexgen.Disturbance")
-    return found
-
-
-def _check_times(sample_time: float, delay: float) -> None:
-    """ArgumentError where the times of a controller are out of range."""
-    if not (is_number(sample_time) and 1e-6 <= sample_time <= 1.0):
-        raise ArgumentError(f"sample_time: given {sample_time!r}, expected 1e-6 to 1 s")
-    if not (is_number(delay) and 0 <= delay <= 64 * sample_time):
-        raise ArgumentError(f"delay: given {delay!r}, expected 0 to 64 samples of {sample_time} s")

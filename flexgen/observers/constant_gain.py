@@ -24,8 +24,8 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.library.c_module import c_module
 from flexgen.library.model_library import library_with
+from flexgen.loop.case import control_case
 from flexgen.loop.channels import MOTORS, Noise, channels_of
-from flexgen.loop.control import control_case
 from flexgen.loop.sampled_model import PoseModel, PoseModels, hold_effects
 from flexgen.numerics.riccati import riccati
 from flexgen.observers.design import (

@@ -52,6 +52,16 @@ class ProcessForce:
         """Values at the instants ``t`` (n,) [s], (n, 6)."""
         return np.asarray(self.curve(np.clip(t, 0.0, self.duration)))
 
+    def mean(self, t: np.ndarray, width: float) -> np.ndarray:
+        """Means over intervals of this width [s] about the instants ``t`` (n,), (n, 6)."""
+
+        def integral(s: np.ndarray) -> np.ndarray:
+            inside = np.clip(s, 0.0, self.duration)
+            return np.asarray(whole(inside) + (s - inside)[:, None] * self.at(s))
+
+        whole = self.curve.antiderivative()
+        return (integral(t + width / 2) - integral(t - width / 2)) / width
+
     def on_output(self, model: RobotModel, t: np.ndarray) -> np.ndarray:
         """Force on the output, dual to its rates, and two derivatives, (n, 3 n_y); ArgumentError where it has none."""
         output, jets = model.output, self.jets(t)
@@ -92,6 +102,11 @@ def make_force(given: Any, model: RobotModel, duration: float) -> ProcessForce:
         values = _numbers(given)
         t = np.linspace(0.0, duration, len(values))
     return ProcessForce(spline(t, _wrench(values, model)), duration)
+
+
+def scale_force(given: Any, model: RobotModel, factor: float) -> Callable[[np.ndarray], np.ndarray]:
+    """What a user gives times a factor, as a function of instants (n,) [s] from the start to the end of the path."""
+    return lambda t: factor * make_force(given, model, float(t[-1])).at(t)
 
 
 def _numbers(given: Any) -> np.ndarray:

@@ -34,9 +34,10 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import grid, time_derivative
 from flexgen.inversion.solution import Solution, format_size
+from flexgen.loop.case import AFTER_S, HOLD_S, SAMPLE_S, Case, control_case
 from flexgen.loop.channels import ACCELEROMETER as TOOL_ACCELEROMETER
 from flexgen.loop.channels import MOTORS, Channels, channels_of
-from flexgen.loop.control import AFTER_S, HOLD_S, SAMPLE_S, Case, control_case, run_case
+from flexgen.loop.control import run_case
 from flexgen.loop.gains import lowest_locked_hz
 from flexgen.loop.named_controllers import controller_of
 from flexgen.loop.plants import LocalDynamics

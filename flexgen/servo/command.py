@@ -18,7 +18,8 @@ from scipy.sparse import csc_matrix
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
-from flexgen.loop.control import HOLD_S, Case, case_controller, control_case, run_case
+from flexgen.loop.case import HOLD_S, Case, control_case
+from flexgen.loop.control import case_controller, run_case
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.reference import MotionReference, motion_reference, time_grid
 from flexgen.loop.result import ControlRun

@@ -16,8 +16,9 @@ from flexgen.errors import ArgumentError
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.inversion.sampling import second_time_derivative, time_derivative
 from flexgen.loop import hysteresis as loop
+from flexgen.loop.case import control_case
 from flexgen.loop.channels import ACCELEROMETER, channels_of
-from flexgen.loop.control import case_controller, control_case, run_case
+from flexgen.loop.control import case_controller, run_case
 from flexgen.mechanics.lagrangian import gears
 from flexgen.memory.hysteresis import gear_hysteresis, gear_layers, torque_along
 from flexgen.numerics.evaluate import evaluate

@@ -13,8 +13,9 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.library.model_library import library_with
+from flexgen.loop.case import control_case
 from flexgen.loop.closed_loop import ClosedLoop
-from flexgen.loop.control import case_controller, control_case, run_case
+from flexgen.loop.control import case_controller, run_case
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.gains import lowest_locked_hz
 from flexgen.loop.hardware import DriveHardware

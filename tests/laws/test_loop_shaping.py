@@ -11,7 +11,8 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.laws.loop_shaping import LoopShaping, coprime_controller, linear_plant, pade, series
-from flexgen.loop.control import case_controller, control_case, run_case
+from flexgen.loop.case import control_case
+from flexgen.loop.control import case_controller, run_case
 from flexgen.loop.controller_files import file_controller
 from flexgen.loop.plants import LocalDynamics
 from flexgen.mechanics.equations import derive

@@ -18,7 +18,8 @@ from flexgen.laws.bound import BoundLaw
 from flexgen.laws.chain import chain_gains, largest_eigenvalue, largest_frequency
 from flexgen.laws.state_lq import LQ
 from flexgen.laws.study import ARM
-from flexgen.loop.control import case_controller, control_case, run_case
+from flexgen.loop.case import control_case
+from flexgen.loop.control import case_controller, run_case
 from flexgen.loop.interface import PythonController
 from flexgen.loop.margins import loops_at
 from flexgen.loop.timing import Timing

@@ -15,8 +15,8 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.loop.case import control_case
 from flexgen.loop.channels import channels_of
-from flexgen.loop.control import control_case
 from flexgen.loop.sampled_model import PoseModels
 from flexgen.observers.design import process_noise
 from flexgen.performance.smoother import PathSmoother, acting
