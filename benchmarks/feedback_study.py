@@ -13,7 +13,7 @@ import numpy as np
 import flexgen
 from flexgen.laws.chain import largest_frequency
 from flexgen.laws.study import ARM, FAMILIES, FeedbackStudy, feedback_study
-from flexgen.loop.case import Case, control_case
+from flexgen.loop.case import control_case
 from flexgen.loop.control import case_controller, run_case
 from flexgen.loop.timing import Timing
 
@@ -52,17 +52,16 @@ def bounds() -> str:
 def steps() -> str:
     """Time of one step of each law in C, less that of feedforward alone [us]."""
     solution = flexgen.solve(ARM, progress=False)
-    case: Case = control_case(ARM, sample_time=1e-3, delay=1e-3, solution=solution)
+    case = control_case(ARM, sample_time=1e-3, delay=1e-3, solution=solution)
     laws = (
         flexgen.FeedbackLinearisation(16.0), flexgen.FeedbackLinearisation(16.0, predict=True),
         flexgen.ComputedTorque(2.0), flexgen.JointTorqueFeedback(), flexgen.TomeiPD(), flexgen.LQ(),
     )  # fmt: skip
     made = [case_controller(case, law) for law in ("none", *laws)]
     seconds = [min(run_case(case, *one).wall_s for _ in range(ROUNDS)) for one in made]
-    n = len(case.reference.time)
     lines = ["| law | us a step |", "|---|---|"]
     for (_, name), time in zip(made[1:], seconds[1:], strict=True):
-        own = 1e6 * (time - seconds[0]) / n
+        own = 1e6 * (time - seconds[0]) / len(case.reference.time)
         lines.append(f"| {name} | {f'{own:.1f}' if own >= RESOLUTION_US else f'< {RESOLUTION_US}'} |")
     return "\n".join(lines) + "\n"
 

@@ -46,6 +46,8 @@ SHARED = """
 @free
     free NAME,NAME,... names: parameters: stiffness, damping, q1.stiffness, m1.viscous, delay, sensor_delay,
         torque_constant, ...; default: stiffness, damping and the viscous frictions of the model
+@force
+    force FILE: force of a process on the tool along the move [N]: a trajectory with the channel force (.csv, .npz)
 @wall
     wall PLACE wall: a wall that pushes the tool, X,Y,Z:NX,NY,NZ:K[:C[:GAP]]: point [m], normal towards the tool,
         stiffness [N/m], damping [N s/m], gap [m]; such as 1.2,0,0:-1,0,0:1e5:500
@@ -111,7 +113,7 @@ solve MODEL | solve:solve | solve
         @moves
         fastest: with the fastest time law within the limits; 'flexgen fastest' has further options
         fixed_joint NAME: of an arm with more motors than outputs: the joint that keeps its value in a move of the tool
-        force FILE: force of a process on the tool along the move [N]: a trajectory with the channel force (.csv, .npz)
+        @force
     method
         @method
         no_verify: skip the verification by forward simulation
@@ -272,6 +274,9 @@ control MODEL | control:control | control
             in Hz; such as pulse:tool.x=300@0.4+0.02; may be repeated
         no_torque_limits old=--no-limits: do not limit the torques to those of the model file
         @wall
+        @force
+        assumed_force FACTOR factor_or_file: what the feedforward assumes of it: a factor, such as 0.8 (0: none), or a
+            file with another force; default: the same
     closed loop
         @loop
         encoder_resolution RAD not_negative: of the motor angles [rad]; default: {default}

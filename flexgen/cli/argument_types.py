@@ -100,6 +100,12 @@ def spectrum(text: str) -> float | str:
     return value
 
 
+def factor_or_file(text: str) -> float | Path:
+    """A number that is not negative, or the path of a file."""
+    value = _number(text)
+    return file_path(text) if math.isnan(value) else not_negative(text)
+
+
 def trajectory_file(text: str) -> Path:
     """A file name ending in .npz, .csv or .mat."""
     path = Path(text)

@@ -27,6 +27,7 @@ from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
+from flexgen.paths.process_force import CHANNEL, ProcessForce, make_force
 from flexgen.spec.arguments import check_not_negative, is_number, mapping_of, seed_of
 
 HOLD_S = 2.0  # at rest before the motion: integral parts settle
@@ -42,7 +43,8 @@ class Case:
     """Parts of a closed loop, ready to run with any controller.
 
     ``plants``, ``library``, ``equations``: of the springs and dampers; ``gears``: the robots with their hysteresis;
-    ``signals``: of sensors that feel the force on the tool; ``laws``: of the hysteresis.
+    ``signals``: of sensors that feel the force on the tool; ``laws``: of the hysteresis; ``force``: of a process, which
+    acts on all tools.
     """
 
     model: RobotModel
@@ -62,6 +64,7 @@ class Case:
     signals: RobotFunction | None = None
     laws: tuple[States, ...] = ()
     wall: Wall | None = None
+    force: ProcessForce | None = None
 
     @property
     def sample_time(self) -> float:
@@ -96,6 +99,7 @@ def control_case(
     exact_state: bool = False,
     seed: int = 0,
     solution: Solution | None = None,
+    force: Any = None,
     progress: Callable[[str], None] | None = None,
 ) -> Case:
     """The same without a controller: solve the move, make the robots, find their rest positions; see `control`."""
@@ -112,7 +116,9 @@ def control_case(
     chosen, laws = split_plants(robot, plants_of(robot, {NOMINAL: {}, **changed}))
     of_lane = _of_lanes(disturbances, chosen.names)
     names = tuple(p.name for p in chosen.parameters)
-    forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
+    trajectory = solution.trajectory
+    force = trajectory if force is None and CHANNEL in trajectory else force
+    forced = force is not None or any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
     elastic = without_states(robot)
     felt = any(sensor.of_force for sensor in robot.sensors)
     shown = ["sensors"] if robot.sensors and not felt else []
@@ -120,15 +126,14 @@ def control_case(
     library = library_with(elastic, functions, parameters=names, per_point=bool(names), progress=progress)
     nominal = derive(elastic)
     path = Path(nominal, solution.move)
-    trajectory = solution.trajectory
+    process = None if force is None else make_force(force, robot, path.duration)
     span = float(trajectory.time[0]), float(trajectory.time[-1])
     time = time_grid(*span, sample_time, HOLD_S, AFTER_S)
     local = LocalDynamics(derive(elastic, names))
     known = signals_of(nominal) if felt else None
     reference = motion_reference(trajectory, path, sample_time, delay, library, time, known)
     signals = RobotFunction(signals_of(local.equations, True), chosen.values, tell) if felt else None
-    start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
-    rests = tuple(local.rest(start, values, at) for values in chosen.values)
+    rests = local.under(process, time[0]).rests(reference.motion, chosen.values)
     limits = tuple(m.torque_max or 0.0 for m in robot.motors) if torque_limits else ()
     whole = int(delay / sample_time + 1e-9)
     rest = delay - whole * sample_time
@@ -144,7 +149,7 @@ def control_case(
     case = Case(
         robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal, exact_state
     )
-    return replace(case, gears=gears, signals=signals, laws=laws)
+    return replace(case, gears=gears, signals=signals, laws=laws, force=process)
 
 
 def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) -> Case:

@@ -20,24 +20,28 @@ from flexgen.environment.robot_function import RobotFunction
 from flexgen.environment.wall import Wall, contact_force, numbers_of, wall_force
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
+from flexgen.inversion.solve import solve
 from flexgen.loop.case import SAMPLE_S, Case, control_case, with_wall
-from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.closed_loop import TOOL, ClosedLoop
 from flexgen.loop.controllers import Linear
 from flexgen.loop.hardware import SensorChannels
 from flexgen.loop.interface import Controller
 from flexgen.loop.model_law import ModelLaw
 from flexgen.loop.named_controllers import controller_of
 from flexgen.loop.result import ControlRun, PlantRun, output_errors
-from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import Move, RobotModel
+from flexgen.paths.process_force import scale_force
 from flexgen.progress import Choice, reported
+from flexgen.spec.arguments import check_not_negative, is_number
+from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_types
 
 CHUNK = 2000  # samples between two progress messages
 PARTS = 40  # of the reference with gains of their own
 
 
-@checked_types(own=("plants",))
+@checked_types(own=("plants", "force", "assumed_force"))
 @reported("control")
 def control(
     model: str | FilePath | RobotModel | Equations,
@@ -55,6 +59,8 @@ def control(
     seed: int = 0,
     solution: Solution | None = None,
     wall: Wall | None = None,
+    force: np.ndarray | Callable[[np.ndarray], np.ndarray] | Trajectory | str | FilePath | None = None,
+    assumed_force: float | np.ndarray | Callable[[np.ndarray], np.ndarray] | Trajectory | str | FilePath | None = None,
     progress: Choice = None,
 ) -> ControlRun:
     """Simulate a move under a sampled controller with feedforward torques, for the model and for robots that differ.
@@ -89,6 +95,10 @@ def control(
         The move solved before; default: `flexgen.solve` with its default method.
     wall : Wall, optional
         That the tools touch; its force on the tool of a robot is ``contact`` of its `PlantRun`.
+    force : array (n, 3), callable, Trajectory or file, optional [N]
+        Of a process, on all tools along the path, as `flexgen.solve` takes it; default: that of ``solution``.
+    assumed_force : float, or as ``force``, optional
+        What the feedforward assumes: a factor on ``force`` (0: none), or another force; default: ``force``.
     progress : callable or bool, optional
 
     Returns
@@ -111,15 +121,39 @@ def control(
     '242 um'
     """
     tell = progress if callable(progress) else None
+    solution = _solve_assuming(model, move, force, assumed_force, solution, tell)
     case = control_case(
         model, move, sample_time=sample_time, delay=delay, plants=plants, disturbances=disturbances,
         encoder_noise=encoder_noise, encoder_resolution=encoder_resolution, torque_limits=torque_limits,
-        exact_state=exact_state, seed=seed, solution=solution, progress=tell,
+        exact_state=exact_state, seed=seed, solution=solution, force=force, progress=tell,
     )  # fmt: skip
     if wall is not None:
         case = with_wall(case, wall, tell)
     chosen, name = case_controller(case, controller)
     return run_case(case, chosen, name, progress=tell)
+
+
+def _solve_assuming(
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None,
+    force: Any,
+    assumed: Any,
+    solution: Solution | None,
+    progress: Callable[[str], None] | None,
+) -> Solution | None:
+    """The solution of a move with the force that the feedforward assumes; as it is given without a force."""
+    if force is None and assumed is None:
+        return solution
+    if force is None:
+        raise ArgumentError("assumed_force: given without a force, expected also force: the one that acts")
+    if solution is not None:
+        if assumed is not None:
+            raise ArgumentError("assumed_force: given with a solution, expected one of both: a solution states its own")
+        return solution
+    if is_number(assumed):
+        check_not_negative("assumed_force", assumed)
+        assumed = scale_force(force, robot_of(model), assumed)
+    return solve(model, move, force=force if assumed is None else assumed, progress=progress)
 
 
 def case_controller(case: Case, controller: Any) -> tuple[Controller, str]:
@@ -178,6 +212,9 @@ def run_case(
         instants = reference.time[first] + step_s * (np.arange(count * loop.steps) + 0.5)
         names = [m.name for m in robot.motors]
         table = disturbance_table(case.disturbances, names, instants, lanes, case.seed)
+        if case.force is not None:
+            table = np.zeros((len(instants), robot.n_m + TOOL, 1)) if table is None else table
+            table[:, robot.n_m :] += case.force.mean(instants, step_s)[:, :, None]
         found = loop.run(rows, count, motion=True, disturbances=table, check=False)
         assert found.motion is not None
         motions.append(found.motion)
@@ -202,7 +239,7 @@ def run_case(
         runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, *seen, load, touched))
     return ControlRun(
         robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
-        seconds,
+        seconds, None if case.force is None else case.force.at(reference.time),
     )  # fmt: skip
 
 

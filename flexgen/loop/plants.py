@@ -30,6 +30,7 @@ from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.process_force import ProcessForce
 from flexgen.spec.arguments import check_not_negative, check_positive, is_number, mapping_of
 
 NOMINAL = "nominal"
@@ -129,6 +130,10 @@ class LocalDynamics:
         self._residual = equations.function("residual")
         self._C = second_order.motor_rows(self.model)
 
+    def under(self, force: ProcessForce | None, t: float) -> LocalDynamics:
+        """The same under the force on the tool at the instant ``t`` [s], where there is one."""
+        return self if force is None else LocalDynamics(self.equations.pushed_by(force.at(np.array([t]))[0]))
+
     def rest(self, q_m: np.ndarray, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Arm angles (n_a,) and holding torques (n_m,) with the motors at ``q_m``, from a start ``q_a`` by Newton.
 
@@ -154,6 +159,10 @@ class LocalDynamics:
             f"{self.model.name}: no equilibrium found with the motors at {np.round(q_m, 4).tolist()} rad; the springs "
             "are too soft for the load there"
         )
+
+    def rests(self, motion: Mapping[str, np.ndarray], values: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """The same for robots with the numbers ``values`` (lanes, n_p) at the start of a motion ``q_a``, ``q_m``."""
+        return tuple(self.rest(motion["q_m"][0], own, motion["q_a"][0]) for own in values)
 
     def matrices(
         self, motion: Sequence[np.ndarray], values: np.ndarray

@@ -21,6 +21,8 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import columns_in, output_labels, output_units, turn_angle, unit_of
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.tool_force import CHANNEL, LABELS
+from flexgen.paths.tool_force import UNITS as UNITS_OF_FORCE
 from flexgen.results import Result
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -107,6 +109,8 @@ class ControlRun(Result):
         Integration steps in a sample.
     wall_s : float [s]
         Of the simulation.
+    force : array (n, 6) or None [N, N m]
+        Of a process on all tools at the samples, world axes; None: there is none.
 
     Examples
     --------
@@ -125,6 +129,7 @@ class ControlRun(Result):
     runs: tuple[PlantRun, ...]
     steps: int
     wall_s: float
+    force: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"<ControlRun {self.model.name}, {self.controller}: {len(self.runs)} robots, {self.status}>"
@@ -134,7 +139,8 @@ class ControlRun(Result):
         late = f", delay {1e3 * self.delay_s:.4g} ms" if self.delay_s else ""
         lines = [
             f"{self.model.name}, move {self.solution.move.name}: controller {self.controller} at "
-            f"{1e3 * self.hardware.sample_s:.4g} ms{late}: {self.status}"
+            f"{1e3 * self.hardware.sample_s:.4g} ms{late}: {self.status}",
+            *(f"  {line}" for line in self.force_lines()),
         ]
         for run in self.runs[:SHOWN]:
             row = self.figures(run)
@@ -182,6 +188,41 @@ class ControlRun(Result):
     def unit(self) -> str:
         """``"m"``, or ``"rad"`` where the output has no lengths."""
         return unit_of(self.model)
+
+    @property
+    def assumed_force(self) -> np.ndarray:
+        """The force on the tool that the feedforward assumes at the samples, (n, 6) [N, N m], world axes."""
+        found = self.reference.motion.get(CHANNEL)
+        return np.zeros((len(self.reference.time), len(UNITS_OF_FORCE))) if found is None else found
+
+    def force_figures(self) -> dict[str, float]:
+        """Largest force of the process, the largest assumed one, and their largest difference [N]; empty without one.
+
+        Of a process that exerts moments too their sizes [N m].
+        """
+        if self.force is None:
+            return {}
+        found: dict[str, float] = {}
+        assumed = self.assumed_force
+        for unit, part in (("N", slice(0, 3)), ("Nm", slice(3, 6))):
+            if unit == "N" or self.force[:, part].any() or assumed[:, part].any():
+                forces = {"force": self.force, "assumed_force": assumed, "force_error": assumed - self.force}
+                sizes = {name: np.linalg.norm(x[:, part], axis=1).max() for name, x in forces.items()}
+                found |= {f"{name}_max_{unit}": float(x) for name, x in sizes.items()}
+        return found
+
+    def force_lines(self) -> tuple[str, ...]:
+        """The same in words, a line for forces and one for moments."""
+        found, lines = self.force_figures(), []
+        for word, unit in (("force", "N"), ("moment", "N m")):
+            key = unit.replace(" ", "")
+            if f"force_max_{key}" in found:
+                true, assumed, error = (found[f"{x}_max_{key}"] for x in ("force", "assumed_force", "force_error"))
+                lines.append(
+                    f"{word} of the process up to {true:.4g} {unit}, in the feedforward up to {assumed:.4g} {unit}, "
+                    f"difference up to {error:.4g} {unit}"
+                )
+        return tuple(lines)
 
     @property
     def worst(self) -> PlantRun:
@@ -290,6 +331,9 @@ class ControlRun(Result):
                 tuple(units),
             ),
         }
+        if self.force is not None:
+            doc = "force and torque of the process on the tool, world axes"
+            rows[CHANNEL] = self.force, LABELS, "N or N m", doc, UNITS_OF_FORCE
         ports = {}
         for key, (x, _, unit, doc, own) in rows.items():
             ports[key] = Port(key, (x.shape[1],), own[0] if len(set(own)) == 1 else unit, doc)
@@ -340,6 +384,7 @@ class ControlRun(Result):
             "simulated_s": float(self.reference.time[-1] - self.reference.time[0]),
             "wall_s": self.wall_s,
             "status": self.status,
+            **self.force_figures(),
             "plants": [{k: _replace_nan(v) for k, v in self.figures(run).items()} for run in self.runs],
             "accuracy": None if all(run.failure for run in self.runs) else self.accuracy().to_dict(),
         }

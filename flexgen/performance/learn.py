@@ -386,7 +386,8 @@ class _Commanded:
         self._y = self._reduction.targets(sample)
         self._rates = sample.derivative(1), sample.derivative(2)
         self._R = sample.R
-        self._local = LocalDynamics(derive(self.equations.model, tuple(p.name for p in case.plants.parameters)))
+        robots = LocalDynamics(derive(self.equations.model, tuple(p.name for p in case.plants.parameters)))
+        self._local = robots.under(case.force, case.reference.time[0])
         first, last = self.time[0] - self.n_pre * self.period, self.time[-1] + self.n_post * self.period
         before = self.sample_s * np.ceil(HOLD_S / self.sample_s)
         self._grid = time_grid(first, last, self.sample_s, before, AFTER_S)
@@ -403,8 +404,7 @@ class _Commanded:
         )  # fmt: skip
         trajectory = trajectory_of(found, self.time[0], case.model.name)
         reference = motion_reference(trajectory, self.path, self.sample_s, self.delay_s, case.library, self._grid)
-        start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
-        rests = tuple(self._local.rest(start, values, at) for values in case.plants.values)
+        rests = self._local.rests(reference.motion, case.plants.values)
         return replace(case, reference=reference, rests=rests, seed=case.seed + iteration)
 
     def _correct(self, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

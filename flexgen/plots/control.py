@@ -12,6 +12,7 @@ from flexgen.benchmarks.score import Score
 from flexgen.benchmarks.tune import TuningResult
 from flexgen.loop.result import ControlRun
 from flexgen.mechanics.output_columns import output_units
+from flexgen.paths.tool_force import LABELS
 from flexgen.performance.learn import LearningResult
 from flexgen.plots import canvas as cv
 
@@ -22,8 +23,9 @@ COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)
 def plot_control(run: ControlRun) -> Figure:
     """Distance of the output from its reference in time, all robots; below it the motor torques of the model."""
     title = f"{run.model.title}: move {run.solution.move.name} under controller {run.controller}"
-    figure = cv.new_figure(cv.WIDTH, 5.4, title)
-    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
+    forces = 0 if run.force is None else 1
+    figure = cv.new_figure(cv.WIDTH, 5.4 + 1.8 * forces, title)
+    top, bottom, *last = figure.subplots(2 + forces, 1, sharex=True, height_ratios=(1.2, 1.0, 0.7)[: 2 + forces])
     time = run.reference.time
     good = [r for r in run.runs if not r.failure]
     largest = max((float(run.distance(r).max()) for r in good), default=1.0)
@@ -39,16 +41,30 @@ def plot_control(run: ControlRun) -> Figure:
         top.fill_between(time, stack.min(axis=0), stack.max(axis=0), color=cv.SKY, alpha=0.15, lw=0)
     top.set_ylabel(f"output error, {unit}")
     top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    for ax in (top, bottom):
+    for ax in (top, bottom, *last):
         ax.axvspan(0.0, run.reference.path_end, color=cv.GREY, alpha=0.08, lw=0)
         ax.set_xlim(max(time[0], run.reference.begin - 0.2), time[-1])
     for j, motor in enumerate(run.model.motors):
         color = COLORS[j % len(COLORS)]
         bottom.plot(time, run.nominal.tau_m[:, j], color=color, lw=1.0, label=motor.name)
     bottom.set_ylabel("torque of the model, N m")
-    bottom.set_xlabel("time, s (grey: path)")
+    (*last, bottom)[0].set_xlabel("time, s (grey: path)")
     bottom.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    for ax in last:
+        _plot_force(ax, run)
     return figure
+
+
+def _plot_force(ax: Any, run: ControlRun) -> None:
+    """The force of the process on the tool, and dashed that of the feedforward."""
+    assert run.force is not None
+    for k, label in enumerate(LABELS):
+        for values, dashes in ((run.force[:, k], cv.DASHES[0]), (run.assumed_force[:, k], cv.DASHES[1])):
+            if values.any():
+                word = label if dashes == cv.DASHES[0] else f"{label}, assumed"
+                ax.plot(run.reference.time, values, color=COLORS[k], ls=dashes, lw=1.0, label=word)
+    ax.set_ylabel("force, N" if not run.force[:, 3:].any() else "force, N; moment, N m")
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 @cv.apply_style

@@ -56,6 +56,7 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
         ("sample time", number(1e3 * run.hardware.sample_s), "ms"),
         ("delay from the measurement to the torque", number(1e3 * run.delay_s), "ms"),
         ("noise of the motor angles", number(run.hardware.encoder_noise_rad), "rad"),
+        *((word, number(x), unit.replace("Nm", "N m")) for word, x, unit in _forces(run)),
         ("integration steps in a sample", f"{run.steps}", ""),
         ("simulated time", number(len(run.runs) * float(np.ptp(run.reference.time))), "s"),
         ("time of the simulation", number(run.wall_s), "s"),
@@ -71,6 +72,20 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
         _margins(run),
     ]
     return write_page(Path(directory), parts, drawn)
+
+
+def _forces(run: ControlRun) -> list[tuple[str, float, str]]:
+    """Rows of the table of facts for the force of a process: words, value, unit."""
+    words = {
+        "force": "of the process on the tool",
+        "assumed_force": "that the feedforward assumes",
+        "force_error": "of the feedforward less that of the process",
+    }
+    rows = []
+    for key, x in run.force_figures().items():
+        name, unit = key.split("_max_")
+        rows.append((f"{'moment' if unit == 'Nm' else 'force'} {words[name]}, largest", x, unit))
+    return rows
 
 
 def _errors(run: ControlRun) -> str:

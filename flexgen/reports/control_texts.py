@@ -32,6 +32,7 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
     lines = [
         f"{run.model.name}, move {run.solution.move.name}: {run.status}, controller {run.controller}, sample time "
         f"{number(1e3 * run.hardware.sample_s)} ms, delay {number(1e3 * run.delay_s)} ms",
+        *run.force_lines(),
         "",
         table(rows, ("robot", *errors, "torque, N m", *["wall, N"] * touched, "samples at the limit", "failure")),
         *(f"{r.name}: load {r.load}" for r in run.runs if r.load),

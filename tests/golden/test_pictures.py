@@ -141,6 +141,9 @@ def controlled() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Pictures of closed loops, of learning and of the study of feedback."""
     yield "control", functools.partial(control.plot_control, made_run())
     yield "control with a failure", functools.partial(control.plot_control, made_run(failure="diverged", plants=2))
+    push = np.outer(np.sin(9 * np.linspace(-0.3, 1.1, 15)), [30.0, 40.0, 0.0, 0.0, 0.0, 2.0])
+    pushed = Made(**{**vars(made_run()), "force": push, "assumed_force": 0.8 * push})
+    yield "control with a force", functools.partial(control.plot_control, pushed)
     yield "loops", functools.partial(control.plot_loops, made_run())
     first, best = (Indexed(**vars(made_run(name))) for name in ("pd", "learned"))
     learned = Made(

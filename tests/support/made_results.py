@@ -74,6 +74,9 @@ def made_run(name: str = "pd", failure: str = "", plants: int = 3) -> Any:
         distance=lambda r: r.size * np.abs(np.sin(5 * time)),
         nominal=Made(tau_m=np.outer(np.cos(time), [2.0, -0.5])),
         loops=lambda: {"nominal": loop, "stiff": loop},
+        force=None,
+        force_figures=dict,
+        force_lines=tuple,
     )
     return run
 

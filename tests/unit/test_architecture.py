@@ -138,8 +138,8 @@ PARAMETERS = {
     "inversion/solve.py solve": 19,  # a verb; the force of a process is data of the problem, as the move is
     "library/generate.py generate": 15,  # a verb
     "loop/closed_loop.py __init__": 15,  # robots, drives and noise are given apart by five callers with other choices
-    "loop/control.py control": 15,  # a verb
-    "loop/case.py control_case": 13,  # the options of the verb control but the controller
+    "loop/control.py control": 17,  # a verb; two for the force that acts and the one that the feedforward assumes
+    "loop/case.py control_case": 14,  # the options of the verb control but the controller
     "observers/constant_gain.py __init__": 9,  # a public class with keywords
     "observers/extended_kalman.py __init__": 9,  # a public class with keywords
     "performance/learn.py learn": 14,  # a verb

@@ -17,7 +17,7 @@ from scipy.signal import bilinear, cont2discrete, freqz
 import flexgen
 from flexgen.environment.disturbances import Disturbance, disturbance_table, rows_of
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.loop import closed_loop, control, margins, robots_in_c, robustness
+from flexgen.loop import case, closed_loop, control, margins, robots_in_c, robustness
 from flexgen.loop.channels import channels_of
 from flexgen.loop.controller_files import system_controller
 from flexgen.loop.controllers import Cascade, Linear, times
@@ -477,21 +477,21 @@ def test_sensors_of_a_model_have_whole_delays_of_the_controller() -> None:
 
 
 def test_times_of_a_controller_and_disturbances_of_robots() -> None:
-    control._check_times(1e-6, 0.0)
-    control._check_times(1.0, 64.0)
+    case._check_times(1e-6, 0.0)
+    case._check_times(1.0, 64.0)
     for bad in ((9e-7, 0.0), (1.1, 0.0), (1e-3, -1e-9), (1e-3, 0.0641)):
         with pytest.raises(ArgumentError, match=r"(sample_time|delay): given .*, expected"):
-            control._check_times(*bad)
+            case._check_times(*bad)
     step = Disturbance("step", "m1", 1.0)
-    assert control._of_lanes([step], ("a", "b")) == {0: (step,), 1: (step,)}
-    assert control._of_lanes({"b": [step]}, ("a", "b")) == {0: (), 1: (step,)}
+    assert case._of_lanes([step], ("a", "b")) == {0: (step,), 1: (step,)}
+    assert case._of_lanes({"b": [step]}, ("a", "b")) == {0: (), 1: (step,)}
     for bad, text in (
         ({"c": [step]}, "given plant 'c', expected one of a, b"),
         ([1], "objects of flexgen"),
         (5, "objects"),
     ):
         with pytest.raises(ArgumentError, match=text):
-            control._of_lanes(bad, ("a", "b"))
+            case._of_lanes(bad, ("a", "b"))
 
 
 def test_steps_of_the_integration_make_the_delay_whole() -> None:

@@ -45,7 +45,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     if model.uncertainty is not None and run.status == "done":
         from flexgen.uncertainty.in_loop import error_in_loop, error_text
 
-        options = keywords(args, "move", "plants", "disturbances", "wall")
+        options = keywords(args, "move", "plants", "disturbances", "wall", "assumed_force")
         data["drawn"] = error_in_loop(run, progress=throttle(log), wall=wall_of(args), **options)
         text += f"\n\n{error_text(data['drawn'])}"
     return with_files(text, data, written(args, run), "" if run.status == "done" else run.status)
