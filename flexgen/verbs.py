@@ -345,6 +345,8 @@ fastest MODEL | control:fastest | fastest
         against TEXT: '95 %': of the robots drawn from [uncertainty] 95 % keep the torque limits with motor feedback
         vibration M positive: bound of the vibration after the path [m], of robots with 10 % less and more stiffness
             under control
+        force FILE: force of a process on the tool [N] that the limits are kept with, over the place on the path: CSV
+            with the columns place, fx, fy, fz; the place is 0 at the start and 1 at the end of a move
     files
         out FILE trajectory_file: write the trajectory to this file
         @report

@@ -92,16 +92,16 @@ class ProcessForce:
         return CHANNEL, self.at(t), UNITS, "force and torque on the tool, world axes", LABELS
 
 
-def make_force(given: Any, model: RobotModel, duration: float) -> ProcessForce:
-    """The force along a path of this duration [s] from what a user gives: see `EXPECTED`; ArgumentError otherwise."""
+def make_force(given: Any, model: RobotModel, duration: float, expected: str = EXPECTED) -> ProcessForce:
+    """The force along a path of this duration [s] from what a user gives; ArgumentError unless as ``expected``."""
     if isinstance(given, str | Path | Trajectory):
         t, values = _from_trajectory(Trajectory.load(given) if isinstance(given, str | Path) else given, duration)
     elif callable(given):
-        t, values = _from_function(given, duration)
+        t, values = _from_function(given, duration, expected)
     else:
-        values = _numbers(given)
+        values = _numbers(given, expected)
         t = np.linspace(0.0, duration, len(values))
-    return ProcessForce(spline(t, _wrench(values, model)), duration)
+    return ProcessForce(spline(t, _wrench(values, model, expected)), duration)
 
 
 def scale_force(given: Any, model: RobotModel, factor: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -109,7 +109,7 @@ def scale_force(given: Any, model: RobotModel, factor: float) -> Callable[[np.nd
     return lambda t: factor * make_force(given, model, float(t[-1])).at(t)
 
 
-def _numbers(given: Any) -> np.ndarray:
+def _numbers(given: Any, expected: str) -> np.ndarray:
     """Samples (n, k), n at least 2; ArgumentError for anything else."""
     try:
         values = np.zeros(0) if np.iscomplexobj(given) else np.asarray(given, dtype=float)
@@ -117,14 +117,14 @@ def _numbers(given: Any) -> np.ndarray:
         values = np.zeros(0)
     if values.ndim != 2 or len(values) < 2:
         shown = f"an array of shape {np.shape(given)}" if isinstance(given, np.ndarray) else show_value(given)
-        raise ArgumentError(f"force: given {shown}, expected {EXPECTED}")
+        raise ArgumentError(f"force: given {shown}, expected {expected}")
     return values
 
 
-def _from_function(given: Callable[[np.ndarray], Any], duration: float) -> tuple[np.ndarray, np.ndarray]:
+def _from_function(given: Callable[[np.ndarray], Any], duration: float, expected: str) -> tuple[np.ndarray, np.ndarray]:
     """Instants on the path and the values of a function of time."""
     t = np.linspace(0.0, duration, int(np.clip(np.ceil(duration / STEP), 400, SAMPLES - 1)) + 1)
-    values = _numbers(given(t))
+    values = _numbers(given(t), expected)
     if len(values) != len(t):
         raise ArgumentError(
             f"force: given a function that returns {len(values)} rows for {len(t)} instants, expected a row for each: "
@@ -149,13 +149,13 @@ def _from_trajectory(data: Trajectory, duration: float) -> tuple[np.ndarray, np.
     return data.time, np.asarray(data[CHANNEL], float)
 
 
-def _wrench(values: np.ndarray, model: RobotModel) -> np.ndarray:
+def _wrench(values: np.ndarray, model: RobotModel, expected: str) -> np.ndarray:
     """Samples (n, 6) from those of a user; ArgumentError for a wrong number of columns, NaN or infinity."""
     axes, out = model.output.axes, np.zeros((len(values), 6))
     planar = len(axes) == 2
     columns = {3: [0, 1, 2], 6: list(range(6))} | ({2: ["xyz".index(axis) for axis in axes]} if planar else {})
     if values.shape[1] not in columns:
-        raise ArgumentError(f"force: given {values.shape[1]} columns, expected {EXPECTED}")
+        raise ArgumentError(f"force: given {values.shape[1]} columns, expected {expected}")
     if not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
         raise ArgumentError(f"force: given NaN or infinity in row {row}, expected finite numbers")

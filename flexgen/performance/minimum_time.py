@@ -35,6 +35,7 @@ from flexgen.model.elements import Move, RobotModel
 from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 from flexgen.model.moves import Program
 from flexgen.paths.path import Path, check_range, find_move
+from flexgen.paths.place_force import force_along, make_place_force, of_motion
 from flexgen.performance.program_time import ProgramSearch, legs_of
 from flexgen.performance.rigid_time import rigid_time
 from flexgen.performance.stated_speeds import stated_speeds
@@ -80,6 +81,8 @@ class FastestMove(Result):
         Duration after each step [s].
     margin : tuple of float [N m]
         Torque of each motor that is left for the feedback of 95 % of the robots; empty without ``against``.
+    force : callable or None
+        The force of the process along the new motion, as `flexgen.solve` and `flexgen.control` take it.
 
     Examples
     --------
@@ -104,6 +107,7 @@ class FastestMove(Result):
     wall_s: float
     history: tuple[float, ...]
     margin: tuple[float, ...] = ()
+    force: Callable[[np.ndarray], np.ndarray] | None = None
 
     @property
     def unit(self) -> str:
@@ -173,7 +177,7 @@ class FastestMove(Result):
         }
 
 
-@checked_types(own=("time_limit",))
+@checked_types(own=("time_limit", "force"))
 @reported("fastest")
 def fastest(
     model: str | FilePath | RobotModel | Equations,
@@ -184,6 +188,7 @@ def fastest(
     vibration: float | None = None,
     coefficients: int = COEFFICIENTS,
     against: str | None = None,
+    force: np.ndarray | Callable[[np.ndarray], np.ndarray] | str | FilePath | None = None,
     time_limit: float | None = TIME_LIMIT,
     progress: Choice = None,
 ) -> FastestMove:
@@ -208,6 +213,8 @@ def fastest(
     against : str, optional
         ``"95 %"``: of the robots drawn from the table ``[uncertainty]`` of the model, 95 % keep the torque limits at
         each instant with the motor feedback of `flexgen.predict`; the search is repeated with what it leaves of them.
+    force : array (n, 3), callable or file, optional [N]
+        Of a process on the tool over the place on the path: `flexgen.paths.place_force`. The limits are kept with it.
     time_limit : float or None [s]
         Of the whole search; None or 0: unlimited.
     progress : callable or bool, optional
@@ -239,6 +246,8 @@ def fastest(
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
     if against not in (None, AGAINST):
         raise ArgumentError(f"against: given {against!r}, expected {AGAINST!r} or None")
+    if against is not None and force is not None:
+        raise ArgumentError("against: given with a force, expected one of both: the feedback is predicted without it")
     robot = robot_of(model)
     refuse_hysteresis(robot, "fastest")
     refuse_harmonics(robot, "fastest")
@@ -247,13 +256,25 @@ def fastest(
     check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
     try:
         with running(time_limit or None):
-            find = partial(_find_fastest, robot, move, limits, torque_rate, vibration, coefficients, progress)
+            asked = _Asked(limits, torque_rate, vibration, coefficients, force)
+            find = partial(_find_fastest, robot, move, asked, progress)
             return find() if against is None else _with_margin(find, progress)
     except OutOfTime as error:
         raise SolverError(
             f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with time_limit= "
             "(--time-limit SECONDS), or take fewer coefficients"
         ) from None
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Arguments of `fastest`."""
+
+    limits: Limits | None
+    torque_rate: float | None
+    vibration: float | None
+    coefficients: int
+    force: Any
 
 
 def _with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestMove:
@@ -283,10 +304,7 @@ def _with_margin(find: Callable[..., FastestMove], progress: Choice) -> FastestM
 def _find_fastest(
     robot: RobotModel,
     move: str | Move | None,
-    limits: Limits | None,
-    torque_rate: float | None,
-    vibration: float | None,
-    coefficients: int,
+    asked: _Asked,
     progress: Choice,
     margin: np.ndarray | None = None,
 ) -> FastestMove:
@@ -294,21 +312,24 @@ def _find_fastest(
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
     path = Path(derive(robot), find_move(robot, move))
-    several = isinstance(path.move, Program)
-    default = solve(robot, path.move, verify=not several, progress=progress if callable(progress) else None)
+    several, shown = isinstance(path.move, Program), progress if callable(progress) else None
+    force = None if asked.force is None else make_place_force(asked.force, robot, len(path.segments))
+    default = solve(
+        robot, path.move, verify=not several, force=None if force is None else force_along(force, path), progress=shown
+    )
     check_range(path)
-    kept = _limits_of(robot, limits, torque_rate, default)
+    kept = _limits_of(robot, asked.limits, asked.torque_rate, default)
     own = kept
     if margin is not None:
         own = replace(kept, torque=tuple((np.array(kept.torque) - margin).tolist()))
     search: TimeSearch | ProgramSearch
     if not several:
         (speeds,) = stated_speeds(path.move)
-        search = TimeSearch(path, default, own, vibration, coefficients, tell, speeds)
-    elif vibration is not None:
+        search = TimeSearch(path, default, own, asked.vibration, asked.coefficients, tell, speeds, force)
+    elif asked.vibration is not None:
         raise ArgumentError(f"vibration: given for the program {default.move.name}, expected a single move")
     else:
-        search = ProgramSearch(path, default, own, coefficients, tell)
+        search = ProgramSearch(path, default, own, asked.coefficients, tell, force)
     began, cpu = perf_counter(), process_time()
     x: Any
     x, history = search.run()
@@ -317,9 +338,10 @@ def _find_fastest(
     seconds = perf_counter() - began, process_time() - cpu
     timed = search.move(x)
     tell(f"verifying {timed.duration:.4f} s")
-    found = solve(robot, timed, ignore_limits=True, progress=progress if callable(progress) else None)
+    pushing = None if force is None else force_along(force, search.retime(x))
+    found = solve(robot, timed, ignore_limits=True, force=pushing, progress=shown)
     new, given = (search.vibrations(solution) for solution in (found, default))
-    rigid = [rigid_time(leg, *own.arrays(robot.n_m)) for leg in legs_of(path)]
+    rigid = [rigid_time(leg, *own.arrays(robot.n_m), of_motion(force, k)) for k, leg in enumerate(legs_of(path))]
     pauses = path.duration - sum(segment.law.duration for segment in path.segments)
     return FastestMove(
         solution=found,
@@ -331,12 +353,13 @@ def _find_fastest(
         vibration=new,
         default_vibration=given,
         excess=search.excess(x),
-        coefficients=coefficients,
+        coefficients=asked.coefficients,
         programs=search.programs,
         inversions=search.inversions,
         cpu_s=seconds[1],
         wall_s=seconds[0],
         history=tuple(history),
+        force=pushing,
     )
 
 

@@ -27,16 +27,16 @@ from flexgen.mechanics.limit_use import LimitRow, limit_rows
 from flexgen.mechanics.limits import Limits
 from flexgen.model.moves import Move, Program
 from flexgen.paths.path import Path
+from flexgen.paths.place_force import of_motion
+from flexgen.paths.process_force import ProcessForce
 from flexgen.paths.timed_segments import configuration_at_end
 from flexgen.performance.stated_speeds import stated_speeds
 from flexgen.performance.time_search import (
     EXACT,
     FINER,
     GROW,
-    MESH_S,
     NEARLY,
     PENALTY,
-    SAMPLES,
     SHRINK,
     SMALLEST,
     TRUST,
@@ -78,14 +78,22 @@ class ProgramSearch:
     swings = None
 
     def __init__(
-        self, path: Path, default: Solution, limits: Limits, coefficients: int, tell: Callable[[str], None]
+        self,
+        path: Path,
+        default: Solution,
+        limits: Limits,
+        coefficients: int,
+        tell: Callable[[str], None],
+        force: ProcessForce | None = None,
     ) -> None:
-        self.path, self.limits, self.tell = path, limits, tell
+        self.path, self.limits, self.tell, self.force = path, limits, tell, force
         self.model, self.n = path.equations.model, coefficients
         self.connecting = Limits(**{name: getattr(limits, name) for name in CONNECTING})
         self.single = limits.without(*CONNECTING)
         self.legs = [
-            TimeSearch(leg, default, self.single, None, coefficients, partial(self._tell_of, k), speeds)
+            TimeSearch(
+                leg, default, self.single, None, coefficients, partial(self._tell_of, k), speeds, of_motion(force, k)
+            )
             for k, (leg, speeds) in enumerate(zip(legs_of(path), stated_speeds(path.move), strict=True))
         ]
         ends = [segment.start + segment.law.duration for segment in path.segments]
@@ -261,9 +269,10 @@ class ProgramSearch:
     def _excesses(self, x: list[np.ndarray]) -> list[float]:
         """Largest excess of an effective torque, and of the other limits of each motion, along the whole program."""
         timed = self.retime(x)
-        finest = min(float(part[0]) for part in x) / (FINER * SAMPLES)
+        finest = min(float(part[0]) / leg.samples for part, leg in zip(x, self.legs, strict=True)) / FINER
         count = int(np.ceil(timed.duration / finest))
-        found, tool = self.legs[0].invert(timed, timed.duration / count, MESH_S / FINER)
+        mesh = min(leg.mesh(float(part[0])) for part, leg in zip(x, self.legs, strict=True)) / FINER
+        found, tool = self.legs[0].invert(timed, timed.duration / count, mesh, self.force)
         channel = partial(getattr, found)
         rows = list(limit_rows(self.model, self.single, channel, found.t, tool))
         whole = limit_rows(self.model, self.connecting, channel, found.t)

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from flexgen.library.model_library import library_with
-from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.case import TOOL_FORCE
+from flexgen.loop.closed_loop import TOOL, ClosedLoop
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import PPI
 from flexgen.loop.hardware import DriveHardware
@@ -17,6 +18,7 @@ from flexgen.loop.reference import hold_torques, time_grid
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import columns_in, unit_of
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.process_force import ProcessForce
 from flexgen.trajectory import Trajectory
 
 SAMPLE_S = 1e-3
@@ -32,19 +34,22 @@ class ResidualVibration:
     ----------
     equations : Equations
     tell : callable
+    pushed : bool
+        A force acts on the tool.
     """
 
-    def __init__(self, equations: Equations, tell: Callable[[str], None]) -> None:
+    def __init__(self, equations: Equations, tell: Callable[[str], None], pushed: bool = False) -> None:
         self.equations, self.model = equations, equations.model
         self.plants = plants_of(self.model, PLANTS)
         names = tuple(p.name for p in self.plants.parameters)
-        self._library = library_with(self.model, ("forward_dynamics",), parameters=names, per_point=True, progress=tell)
+        functions = ("forward_dynamics", TOOL_FORCE) if pushed else ("forward_dynamics",)
+        self._library = library_with(self.model, functions, parameters=names, per_point=True, progress=tell)
         self._local = LocalDynamics(derive(self.model, names))
         self._rows = columns_in(self.model, unit_of(self.model))
         self._law: Cascade | None = None
         self._rate = 0.0
 
-    def __call__(self, trajectory: Trajectory, path_end: float) -> np.ndarray:
+    def __call__(self, trajectory: Trajectory, path_end: float, force: ProcessForce | None = None) -> np.ndarray:
         """Errors (robots, instants, rows) [m, or rad] from the end of the path on, as many for every motion."""
         first, last = float(trajectory.time[0]), float(trajectory.time[-1])
         end = path_end + WINDOW_S + 10 * SAMPLE_S
@@ -57,7 +62,7 @@ class ResidualVibration:
             motion = (m["q_a"][:1], still_a, still_a, m["q_m"][:1], still_m, still_m, m["tau_m"][:1])
             self._law = PPI().cascade(model, SAMPLE_S, motion)
             self._rate = 1.2 * max(self._local.largest_rate(motion, values) for values in self.plants.values)
-        rests = [self._local.rest(m["q_m"][0], values, m["q_a"][0]) for values in self.plants.values]
+        rests = self._local.under(force, time[0]).rests(m, self.plants.values)
         q_a, tau = (np.array(x) for x in zip(*rests, strict=True))
         loop = ClosedLoop(
             model, self._library, DriveHardware(SAMPLE_S), self._law, q_a, np.tile(m["q_m"][0], (lanes, 1)), self._rate,
@@ -65,17 +70,27 @@ class ResidualVibration:
         )  # fmt: skip
         loop.hold(tau)
         rows = np.hstack([m["q_m"], held])
-        found = loop.run(np.repeat(rows[:, None], lanes, axis=1), len(time), motion=True, check=False)
+        table = None if force is None else self._pushing(force, time, loop.steps)
+        given = np.repeat(rows[:, None], lanes, axis=1)
+        found = loop.run(given, len(time), motion=True, disturbances=table, check=False)
         assert found.motion is not None
         out = []
         instants = path_end + STRIDE * SAMPLE_S * np.arange(round(WINDOW_S / (STRIDE * SAMPLE_S)))
+        last_rest = self._local.under(force, path_end)
         for lane, values in enumerate(self.plants.values):
             arm = np.ascontiguousarray(found.motion[:, : model.n_a, lane])
-            ended, _ = self._local.rest(m["q_m"][-1], values, m["q_a"][-1])
+            ended, _ = last_rest.rest(m["q_m"][-1], values, m["q_a"][-1])
             at_rest, moving = self._output(ended[None]), self._output(arm)
             error = moving - at_rest
             out.append(CubicSpline(time, error[:, self._rows])(instants))  # smooth in the duration, for slopes
         return np.array(out)
+
+    def _pushing(self, force: ProcessForce, time: np.ndarray, steps: int) -> np.ndarray:
+        """The force on the tools in each integration step, as `ClosedLoop.run` takes it."""
+        h, n_m = SAMPLE_S / steps, self.model.n_m
+        table = np.zeros((len(time) * steps, n_m + TOOL, 1))
+        table[:, n_m:, 0] = force.mean(time[0] + h * (np.arange(len(table)) + 0.5), h)
+        return table
 
     def _output(self, q_a: np.ndarray) -> np.ndarray:
         return evaluate(self.equations.function("output"), q_a)[0].reshape(len(q_a), -1)

@@ -21,13 +21,17 @@ from flexgen.errors import SolverError
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.path import Path
+from flexgen.paths.process_force import ProcessForce
 from flexgen.paths.time_laws import Clock
 
 INTERVALS = 400
 
 
-def rigid_time(path: Path, torque: np.ndarray, speed: np.ndarray) -> float:
-    """The shortest time [s] within torques and speeds of the motors (n_m,); NaN where one cannot hold the robot."""
+def rigid_time(path: Path, torque: np.ndarray, speed: np.ndarray, force: ProcessForce | None = None) -> float:
+    """The shortest time [s] within torques and speeds of the motors (n_m,); NaN where one cannot hold the robot.
+
+    ``force``: on the tool over the place on the path.
+    """
     model, equations = path.equations.model, path.equations
     segment = path.segments[0]
     length = float(segment.law(np.array([1e9]), 0)[0, 0])
@@ -49,6 +53,9 @@ def rigid_time(path: Path, torque: np.ndarray, speed: np.ndarray) -> float:
     none = np.zeros_like(arm[0])
     g = torques(none, none)
     a, b = torques(none, arm[1]) - g, torques(arm[1], arm[2]) - g
+    if force is not None:
+        J = evaluate(equations.function("jacobian"), arm[0])[0].reshape(len(s), 6, model.n_a)
+        g = g - np.einsum("kij,ki->kj", J, force.at(s / length))[:, i_g]
     inertia = np.array([m.inertia for m in model.motors])
     to_motor = np.linalg.inv(model.eta)  # tau_m = eta^-T tau_g + J_m a_m
     a, b, g = (x @ to_motor for x in (a, b, g))

@@ -22,13 +22,15 @@ from flexgen.mechanics.limit_use import ToolMotion, limit_rows, norms, tool_moti
 from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Move
 from flexgen.paths.path import Path
+from flexgen.paths.place_force import in_time
+from flexgen.paths.process_force import ProcessForce, make_force
 from flexgen.paths.reference import PathSample
 from flexgen.paths.time_laws import SplineLaw, TimeLaw
 from flexgen.performance.residual_vibration import ResidualVibration
 from flexgen.performance.stated_speeds import StatedSpeeds
 from flexgen.runtime.path_inversion import Inversion
 
-SAMPLES = 300  # on the path
+SAMPLES, PER_INTERVAL = 300, 2.0  # on the path; in an interval that resolves a force, along the path as it is given
 MESH_S = 5e-3  # of the inversion
 AFTER_S = 0.3  # of the motion after the path that counts
 SLOWER = 1.02  # of the first law against the given one
@@ -58,6 +60,7 @@ class TimeSearch:
         coefficients: int,
         tell: Callable[[str], None],
         speeds: tuple[float | None, ...] = (),
+        force: ProcessForce | None = None,
     ) -> None:
         equations, model = path.equations, path.equations.model
         self.path, self.model, self.tell, self.n = path, model, tell, coefficients
@@ -66,7 +69,10 @@ class TimeSearch:
                 f"move {default.move.name}: given a sampled move, expected a line, arc, joint or program"
             )
         self.limits = limits
-        self.library = inversion_library(equations, "lq", progress=tell)
+        self.library = inversion_library(equations, "lq", () if force is None else ("invert", "force"), progress=tell)
+        self.force = force
+        resolving = np.inf if force is None else in_time(force, path).resolving / path.duration
+        self.samples, self._resolving = max(SAMPLES, int(np.ceil(PER_INTERVAL / resolving))), resolving
         self._reduction = Reduction(equations)
         before, after = InversionProblem(equations, path).windows
         self._before, self._after = before, min(after, AFTER_S)
@@ -97,8 +103,10 @@ class TimeSearch:
 
         ``finer``: this many times as many samples and intervals of the mesh.
         """
-        timed = self._retime(x)
-        found, tool = self.invert(timed, timed.duration / (finer * SAMPLES), MESH_S / finer)
+        timed = self.retime(x)
+        found, tool = self.invert(
+            timed, timed.duration / (finer * self.samples), self.mesh(timed.duration) / finer, self.force
+        )
         every = np.arange(len(found.tau_m))  # the last check looks at all samples
         at = every if finer > 1 else self._instants(len(found.tau_m), found.n_pre)
         values = [self.speeds.parts(timed.segments[0].law)]
@@ -108,10 +116,22 @@ class TimeSearch:
         self.found = found
         return np.concatenate(values)
 
-    def invert(self, timed: Path, period: float, mesh: float) -> tuple[Inversion, Callable[[], ToolMotion]]:
-        """Motion and torques along a path, sampled with the period [s], on a mesh [s]; and the motion of the tool."""
+    def mesh(self, duration: float) -> float:
+        """Intervals of the inversion [s] in a motion of this duration."""
+        return float(min(MESH_S, self._resolving * duration))
+
+    def invert(
+        self, timed: Path, period: float, mesh: float, force: ProcessForce | None
+    ) -> tuple[Inversion, Callable[[], ToolMotion]]:
+        """Motion and torques along a path, sampled with the period [s], on a mesh [s]; and the motion of the tool.
+
+        ``force``: over the place.
+        """
         self.inversions += 1
         sample = timed.sample_orders(np.arange(round(timed.duration / period) + 1) * period, 3)
+        pushing = None
+        if force is not None:
+            pushing = in_time(force, timed).on_output(self.model, np.arange(len(sample.y)) * period)
         y = self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
         found = self.library.invert(
             *(np.ascontiguousarray(a) for a in y),
@@ -120,6 +140,7 @@ class TimeSearch:
             n_pre=int(np.ceil(self._before / period)),
             n_post=int(np.ceil(self._after / period)),
             samples_per_interval=max(1, round(mesh / period)),
+            force=pushing,
         )
         return found, partial(self._tool_motion, found, sample)
 
@@ -133,14 +154,15 @@ class TimeSearch:
 
     @cached_property
     def _vibration(self) -> ResidualVibration:
-        return ResidualVibration(self._reduction.equations, self.tell)
+        return ResidualVibration(self._reduction.equations, self.tell, self.force is not None)
 
     def swing(self, x: np.ndarray) -> np.ndarray:
         """Vibration after the path of the last inversion over the allowed one (k,)."""
-        values = self._vibration(trajectory_of(self.found, 0.0, self.model.name), float(x[0]))
+        force = None if self.force is None else in_time(self.force, self.retime(x))
+        values = self._vibration(trajectory_of(self.found, 0.0, self.model.name), float(x[0]), force)
         return np.nan_to_num(values.ravel() / (self.swings or 1.0), nan=1e3)
 
-    def _retime(self, x: np.ndarray) -> Path:
+    def retime(self, x: np.ndarray) -> Path:
         """The path with this time law."""
         timed = copy.copy(self.path)
         timed.segments = (replace(self.path.segments[0], law=self.law(x)),)
@@ -149,12 +171,15 @@ class TimeSearch:
 
     def _instants(self, samples: int, n_pre: int) -> np.ndarray:
         """As many samples for every duration: those of the path, and half as many before and after it."""
-        half = SAMPLES // 2
-        return np.clip(np.arange(n_pre - half, n_pre + SAMPLES + 1 + half), 0, samples - 2)
+        half = self.samples // 2
+        return np.clip(np.arange(n_pre - half, n_pre + self.samples + 1 + half), 0, samples - 2)
 
     def vibrations(self, solution: Solution) -> dict[str, float]:
         """Largest vibration after the path of robots with less and more stiffness [m]."""
-        swings = self._vibration(solution.trajectory, float(solution.move.duration))
+        end, force = float(solution.move.duration), None
+        if self.force is not None:
+            force = make_force(solution.trajectory, self.model, end)
+        swings = self._vibration(solution.trajectory, end, force)
         sizes = np.linalg.norm(swings, axis=2).max(axis=1)
         return dict(zip(self._vibration.plants.names, map(float, sizes), strict=True))
 

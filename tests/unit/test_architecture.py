@@ -143,7 +143,7 @@ PARAMETERS = {
     "observers/constant_gain.py __init__": 9,  # a public class with keywords
     "observers/extended_kalman.py __init__": 9,  # a public class with keywords
     "performance/learn.py learn": 14,  # a verb
-    "performance/minimum_time.py fastest": 9,  # a verb
+    "performance/minimum_time.py fastest": 10,  # a verb; the force is data of the problem, as the move is
     "planning/problem.py solve": 9,  # a method of a public class
     "runtime/calls.py __init__": 11,  # a public class; the arguments are the entries of the manifest
     "runtime/library.py stream": 12,  # a method of a public class

@@ -345,9 +345,9 @@ def test_limits_are_those_given_then_those_of_the_model_then_the_torques_of_the_
 
 
 def test_samples_of_a_search_are_as_many_for_every_duration() -> None:
-    at = search()._instants(700, 200)
+    at = search(samples=300)._instants(700, 200)
     assert_array_equal(at, np.arange(50, 651))
-    assert_array_equal(search()._instants(460, 100), np.clip(np.arange(-50, 551), 0, 458))
+    assert_array_equal(search(samples=300)._instants(460, 100), np.clip(np.arange(-50, 551), 0, 458))
 
 
 def test_the_linear_program_of_a_step() -> None:
