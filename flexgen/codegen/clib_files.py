@@ -41,8 +41,9 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
+_PARTS = "FORCE|HYSTERESIS|HARMONICS|LIMITS|LOAD|LUGRE|MEMORY|POSITION"
 _SECTION = re.compile(
-    r"^#if MODEL_(FORCE|HYSTERESIS|HARMONICS|LIMITS|LOAD|LUGRE|POSITION)\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
+    rf"^#if MODEL_({_PARTS})\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
     r"^#endif +/\* MODEL_\1 \*/\n",
     re.DOTALL | re.MULTILINE,
 )
@@ -68,10 +69,10 @@ def keep_parts(text: str, parts: Collection[str]) -> str:
 def render(text: str, name: str, precision: str = "double", parts: Collection[str] = ()) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
-    ``parts``: ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``LIMITS``, ``LOAD``, ``LUGRE``, ``POSITION`` where it has the
-    parts for forces on the output, for gears with hysteresis, for Fourier sums of motor angles, for limits of streams
-    (in exports), for frictions with a load, for those with a state, for positions to send, which other libraries do not
-    have.
+    ``parts``: ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``LOAD``, ``LUGRE``, ``POSITION`` where it has the parts for
+    forces on the output, for gears with hysteresis, for Fourier sums of motor angles, for frictions with a load, for
+    those with a state, for positions to send, which other libraries do not have; in files of exports ``LIMITS`` for
+    limits of streams, ``MEMORY`` for torques with states.
     """
     text = keep_parts(text, parts)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -134,6 +135,19 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         from flexgen.mechanics.implicit_dae import implicit_dae
 
         return implicit_dae(self)
+
+
+def with_forces(equations: Equations, more: ca.SX, memory: ca.SX) -> Equations:
+    """The same equations with more forces (n,) on y, expressions in the symbols of their Lagrangian and in ``memory``.
+
+    ``memory`` is an argument of all functions it changes.
+    """
+    lagrangian = equations.lagrangian
+    made, changing = Equations.__new__(Equations), {"residual", "acceleration", "_functions"}
+    made.__dict__ = {key: value for key, value in equations.__dict__.items() if key not in changing}
+    made.__dict__ |= {"_functions": {}, "lagrangian": replace(lagrangian, forces=lagrangian.forces + more)}
+    made.memory = memory
+    return made
 
 
 def robot_of(model: str | Path | RobotModel | Equations) -> RobotModel:

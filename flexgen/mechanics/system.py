@@ -72,11 +72,14 @@ class System:
         The symbols of the parameters, in that order.
     force : casadi.SX (6,) or None
         On the tool at its origin, world axes: force [N], then torque [N m]; symbols or numbers; None: nothing.
+    memory : casadi.SX or None
+        Symbols of torques with states that are among the forces; None: there are none.
     contact : casadi.Function or None
         What a wall adds to ``force`` in a simulation: (6,) from ``q_a`` and ``v_a``; None: nothing.
     """
 
     force: ca.SX | None = None
+    memory: ca.SX | None = None
     contact: ca.Function | None = None
 
     def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
@@ -87,10 +90,12 @@ class System:
     def build(
         self, name: str, inputs: list[ca.SX], names_in: list[str], outputs: list[ca.SX], names_out: list[str]
     ) -> ca.Function:
-        """A function with dense results; its last arguments are ``f_tool`` and ``parameters`` where they matter."""
+        """A function with dense results; the last arguments are ``f_tool``, ``memory``, ``parameters``, if needed."""
         outputs = [ca.densify(x) for x in outputs]
         if self.force is not None and not self.force.is_constant() and ca.depends_on(ca.veccat(*outputs), self.force):
             inputs, names_in = [*inputs, self.force], [*names_in, "f_tool"]
+        if self.memory is not None and ca.depends_on(ca.veccat(*outputs), self.memory):
+            inputs, names_in = [*inputs, self.memory], [*names_in, "memory"]
         if self.parameters and ca.depends_on(ca.veccat(*outputs), self.symbols):
             inputs, names_in = [*inputs, self.symbols], [*names_in, "parameters"]
         return ca.Function(name, inputs, outputs, names_in, names_out)

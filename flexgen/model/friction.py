@@ -70,8 +70,8 @@ def refuse_lugre(model: Any, what: str) -> None:
     if names := bristled_motors(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose motor {names[0]} has lugre, expected motors without it, which only "
-            "solve without limits, simulate, control, learn, command_positions, generate and exports of its C take "
-            "into account; remove the table lugre"
+            "solve without limits, simulate, control, learn, command_positions, generate and exports other than that "
+            "of MuJoCo take into account; remove the table lugre"
         )
 
 
@@ -81,8 +81,8 @@ def refuse_hysteresis(model: Any, what: str) -> None:
     if names := hysteretic_joints(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
-            "only solve, simulate, control, learn, command_positions, generate, exports of its C and identify_gears "
-            "take into account; remove the table hysteresis of the gear from the model file"
+            "only solve, simulate, control, learn, command_positions, generate, identify_gears and exports other than "
+            "that of MuJoCo take into account; remove the table hysteresis of the gear from the model file"
         )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
@@ -68,19 +70,23 @@ def slip_torques(model: RobotModel) -> np.ndarray:
     return np.concatenate([x for x in (slips, motor_bristles(model).static) if x.any()])
 
 
-def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Rates of the motion, and of torques of hysteresis and bristles, for the definition's equations of motion.
+@dataclass(frozen=True)
+class Memory:
+    """Torques with states in addition to the equations of motion, expressions in the symbols of the Lagrangian.
 
-    Returns
-    -------
-    inputs : list
-        State (q_a, q_me, v_a, v_me) (2 n); torques z of the layers of all gears, n_g each, where one has hysteresis,
-        then torques s0 z of the bristles of all motors (n_m) where one has them; motor torques (n_m); then the force
-        on the tool (6,) where the equations have one.
-    outputs : list
-        Rate of the state (2 n), of the torques, and the power that goes into hysteresis and bristles [W].
+    ``z``: torques of the layers of all gears, n_g each, where one has hysteresis, then torques s0 z of the bristles of
+    all motors (n_m) where one has them; ``forces`` (n,) on y; ``rates`` of z; ``taken``: power that they take up [W].
     """
-    model, lag, (y, dy, _) = equations.model, equations.lagrangian, equations.y
+
+    z: ca.SX
+    forces: ca.SX
+    rates: ca.SX
+    taken: ca.SX
+
+
+def memory_of(equations: Equations) -> Memory:
+    """The torques with states of a model, their rates and the forces that they exert."""
+    model, lag = equations.model, equations.lagrangian
     layers, motors, rates, taken = gear_layers(model), motor_bristles(model), [], ca.SX(0)
     z, forces = ca.SX.sym("z", len(slip_torques(model))), ca.SX.zeros(model.dof)
     if any(layer.present.any() for layer in layers):
@@ -97,7 +103,22 @@ def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
         forces -= motor_force(model, braking)
         rates.append(dz)
         taken += ca.dot(braking, v_m)
-    acceleration = equations.acceleration_under(forces)
-    x = ca.SX.sym("x", 2 * model.dof)
-    outputs = ca.substitute([ca.vertcat(dy, acceleration), ca.vertcat(*rates), taken], [ca.vertcat(y, dy)], [x])
-    return [x, z, lag.tau_m, *([] if equations.force is None else [equations.force])], outputs
+    return Memory(z, forces, ca.vertcat(*rates), taken)
+
+
+def hysteretic_rate(equations: Equations) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Rates of the motion, and of torques of hysteresis and bristles, for the definition's equations of motion.
+
+    Returns
+    -------
+    inputs : list
+        State (q_a, q_me, v_a, v_me) (2 n); ``z`` of `Memory`; motor torques (n_m); then the force on the tool (6,)
+        where the equations have one.
+    outputs : list
+        Rate of the state (2 n), of the torques, and the power that goes into hysteresis and bristles [W].
+    """
+    lag, (y, dy, _), made = equations.lagrangian, equations.y, memory_of(equations)
+    acceleration = equations.acceleration_under(made.forces)
+    x = ca.SX.sym("x", 2 * equations.model.dof)
+    outputs = ca.substitute([ca.vertcat(dy, acceleration), made.rates, made.taken], [ca.vertcat(y, dy)], [x])
+    return [x, made.z, lag.tau_m, *([] if equations.force is None else [equations.force])], outputs

@@ -206,8 +206,8 @@ def gateway(folder: Path, library: Path) -> Path:
 def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
     """Compiled against a stub header; what the stream forgets from update to update is seen."""
     flexgen.export_mex(remembering(), tmp_path)
-    zoh, given = 2, np.hstack(samples())
-    numbers = np.concatenate([[10, 5, 5e-3, 1e-6, zoh, 0, len(given)], *start(), given.ravel()]).tobytes()
+    given = np.hstack(samples())
+    numbers = np.concatenate([[10, 5, 5e-3, 1e-6, 0, 0, len(given)], *start(), given.ravel()]).tobytes()
 
     def torques(forgets: str) -> np.ndarray:
         run = subprocess.run([gateway(tmp_path, compiled(forgets))], input=numbers, capture_output=True, check=True)

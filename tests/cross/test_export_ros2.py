@@ -223,7 +223,7 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
         subprocess.run([tool("g++"), *objects, remembering.compiled(forgets), "-o", program], check=True)
         return drive(program, "controller", numbers)[:-1].reshape(-1, 2)
 
-    remembering.check(torques)
+    remembering.check(torques, "zoh")
     run = subprocess.run([tmp_path / "drive", "plugin"], input=np.zeros(12).tobytes(), capture_output=True, check=False)
     assert b"motor m1 has lugre, which depends on the motion before" in run.stderr
 

@@ -12,9 +12,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from bristled import bristled
+from bristled import NUMBERS, bristled
 from exports import PLAIN, library_object
-from remembering import BRISTLES, FORGETS, SLIPPING, compiled, remembering
+from remembering import FORGETS, SLIPPING, compiled, remembering
 from toolchain import STRICT, needs_compiler, tool
 
 import flexgen
@@ -90,7 +90,7 @@ def test_gears_and_motors_with_memory_pass_and_what_they_forget_is_seen(tmp_path
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_an_elastic_arm_with_memory_passes(precision, tmp_path):
-    numbers = {motor: BRISTLES for motor in ("m1", "m2")}
+    numbers = {motor: NUMBERS for motor in ("m1", "m2")}
     model = bristled("planar5_nmp", numbers, **{f"element.{arm}.gear.hysteresis": SLIPPING for arm in
                                                ("arm1.dof.q1", "arm2.dof.q2")})  # fmt: skip
     made = flexgen.export_selftest(model, tmp_path, precision=precision)

@@ -116,7 +116,7 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
     """What the stream forgets from update to update is seen."""
     flexgen.export_simulink(remembering(), tmp_path)
     y, q = start()
-    parameters = stream_parameters(intervals=10, samples=5, start_output=y, q_start=q)
+    parameters = stream_parameters(intervals=10, samples=5, hold=0, start_output=y, q_start=q)
 
     def torques(forgets):
         program = block(tmp_path, "stream", model="elbow", library=compiled(forgets))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bristled import bristled, tables
+from bristled import NUMBERS, bristled, tables
 from clib_planted import plant_in_c
 from states_in_c import GEARS, difference, functions_of, inverted, library_of, path_of, stream_errors
 from toolchain import needs_compiler
@@ -29,7 +29,6 @@ pytestmark = needs_compiler
 SAME = 1e-8  # relative: rates of the motors are differences of rounded deflections
 # the accelerations of the motors, which locate reversals, are differences of their speeds in Python, and not in C
 OF_ARMS, OF_STIFF = 2e-7, 5e-5
-NUMBERS = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 800.0, "damping": 1.5}
 STIFF = {"static": 0.5, "stiffness": 8e6, "damping": 0.0}  # Coulomb friction, as good as
 
 

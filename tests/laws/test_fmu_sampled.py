@@ -99,7 +99,7 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(version, tmp_pat
         assert np.array_equal(found, again)
         return found
 
-    remembering.check(torques, "spline")
+    remembering.check(torques)
 
 
 @pytest.mark.slow

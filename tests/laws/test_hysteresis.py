@@ -192,7 +192,6 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
             )
         ),
         "mujoco": lambda: flexgen.export_mujoco(model, tmp_path / "a.xml"),
-        "fmu": lambda: flexgen.export_fmu(model, tmp_path / "a.fmu"),
         "full": lambda: flexgen.solve(model, method="full", progress=False),
         "limits": lambda: flexgen.solve(model, limits=flexgen.Limits(torque=(1.0,)), method="lq", progress=False),
         "study": lambda: flexgen.feedback_study(model),

@@ -184,7 +184,6 @@ def test_what_does_not_take_the_friction_refuses_it(tmp_path) -> None:
     calls = {
         "fastest": lambda: flexgen.fastest(model, progress=False),
         "mujoco": lambda: flexgen.export_mujoco(model, tmp_path / "a.xml"),
-        "fmu": lambda: flexgen.export_fmu(model, tmp_path / "a.fmu"),
         "full": lambda: flexgen.solve(model, method="full", progress=False),
         "limits": lambda: flexgen.solve(model, limits=limits, method="lq", progress=False),
         "study": lambda: flexgen.feedback_study(model),

@@ -11,6 +11,7 @@ import flexgen
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.trajectory import Trajectory
 
+NUMBERS = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 800.0, "damping": 1.5}
 PRESLIDING = 1e-3  # rad at the motor: deflection of the bristles before they slip
 
 

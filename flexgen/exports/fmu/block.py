@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, PARAMETER, SETTING, STATE, STATUS, TIME, Variable
 
+FASTEST = "MODEL_FASTEST(x, u, p, r, w)"  # of the plant, where it has torques with states
+
 
 @dataclass(frozen=True)
 class Block:

@@ -17,10 +17,9 @@ from flexgen.codegen.clib_files import keep_parts
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.exported import Exported, exported
 from flexgen.exports.fmu.binaries import SOURCE, Binary, binaries_of, compile_binary
-from flexgen.exports.fmu.block import Block, config
+from flexgen.exports.fmu.block import FASTEST, Block, config
 from flexgen.exports.fmu.description import build_description, description_2, description_3
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import refuse_hysteresis
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.simulation.hold import SAMPLE_TIME
@@ -124,8 +123,6 @@ def export_fmu(
     log = progress if callable(progress) else lambda line: None
     binaries = binaries_of(version, binary, platforms)
     robot = model if isinstance(model, RobotModel) else read(model)
-    if block == "plant":
-        refuse_hysteresis(robot, "export_fmu, block plant")
     return _written(robot, path, (version, block, binaries), given, log)
 
 
@@ -201,7 +198,8 @@ def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
     interface = _interface(version)
     headers = sorted(path.name for path in (_FOLDER / "standard").glob(f"fmi{version[0]}*.h"))
     own = [interface, *(_PREFIX + name for name in ("core.h", "warnings.h", _FIXED[block.macro]))]
-    parts = ["POSITION"] if "N_C" in block.defines else []
+    made_by = {"POSITION": "N_C", "MEMORY": FASTEST}
+    parts = [part for part, name in made_by.items() if name in block.defines]
     texts = {name: keep_parts((_FOLDER / "c" / name).read_text(encoding="ascii"), parts) for name in own}
     texts |= {name: (_FOLDER / "standard" / name).read_text(encoding="ascii") for name in headers}
     _check_name(block, texts)

@@ -1,8 +1,9 @@
 """The elastic robot as a block: motor torques and tool forces in, motor angles, tool pose and deflections out.
 
-    dx/dt = f(x, u, payload),   y = g(x),   x = (q_a, q_m, v_a, v_m),   u = (tau_m, f_tool)
+    dx/dt = f(x, u, payload),   y = g(x),   x = (q_a, q_m, v_a, v_m, z),   u = (tau_m, f_tool)
 
-of the motors only those behind elastic gears. The outputs do not depend on the inputs. The Jacobians are emitted, too.
+of the motors only those behind elastic gears; z: see `flexgen.exports.fmu.plant_memory`. The outputs do not depend on
+the inputs. The Jacobians are emitted, too.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from flexgen.codegen.amalgamation import merge_files
 from flexgen.codegen.emit import emit, function_texts
 from flexgen.codegen.routines import expand, mathematics_of
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec, library_name, library_spec
-from flexgen.exports.fmu.block import Block, time_variable
+from flexgen.exports.fmu.block import FASTEST, Block, time_variable
+from flexgen.exports.fmu.plant_memory import memory_variables, plant_memory
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, PARAMETER, RATE, SETTING, STATE, Variable, array
 from flexgen.expressions.routine import Block as Part
 from flexgen.expressions.routine import Expressions, Routine, Solve, profile
@@ -38,13 +40,17 @@ STEP_MAX = 1e-3  # s
 
 @dataclass(frozen=True)
 class _Graphs:
-    """The functions of the block as CasADi functions; ``jacobians`` has the outputs ``M_y`` and ``R_y``."""
+    """The functions of the block as CasADi functions; ``jacobians`` has the outputs ``M_y`` and ``R_y``.
+
+    ``fastest``: the bound of `PlantMemory`; None where the robot has no torques with states.
+    """
 
     rate: ca.Function
     accelerations: ca.Function
     jacobians: ca.Function
     output: ca.Function
     output_jacobian: ca.Function
+    fastest: ca.Function | None
 
 
 def plant(model: RobotModel, method: str, step: float | None) -> Block:
@@ -61,7 +67,7 @@ def plant(model: RobotModel, method: str, step: float | None) -> Block:
     equations = derive(model, ("payload",))
     held = hold_joints(derive(model), np.array(model.home))
     graphs = _graphs(equations)
-    start = _start(model, held)
+    start = _start(model, held, graphs.rate.size1_in(0))
     step = _default_step(graphs, equations, start, held) if step is None else step
     texts, calls, work = _emit(equations, graphs)
     name = library_name(model)
@@ -92,9 +98,10 @@ def plant(model: RobotModel, method: str, step: float | None) -> Block:
 
 def _graphs(equations: Equations) -> _Graphs:
     """The functions in the state x and the input u."""
-    model = equations.model
-    n_a, n, i_m = model.n_a, model.dof, model.i_m
-    x, u = ca.SX.sym("state", 2 * n), ca.SX.sym("input", model.n_m + 6)
+    model, memory = equations.model, plant_memory(equations)
+    n_a, n, i_m, n_z = model.n_a, model.dof, model.i_m, 0 if memory is None else memory.size
+    robot = equations if memory is None else memory.equations
+    x, u = ca.SX.sym("state", 2 * n + n_z), ca.SX.sym("input", model.n_m + 6)
     p = ca.SX.sym("parameters", len(equations.parameters))
     q_a, v_a = x[:n_a], x[n : n + n_a]
     q_g, v_g = (ca.vertcat(*[part[i] for i in model.i_g]) for part in (q_a, v_a))
@@ -103,18 +110,24 @@ def _graphs(equations: Equations) -> _Graphs:
         q_m[j], v_m[j] = x[n_a + k], x[n + n_a + k]
     f_tool = u[model.n_m :]
     values = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": u[: model.n_m], "f_tool": f_tool}
-    values["parameters"] = p
+    values |= {"parameters": p, "memory": x[2 * n :]}
 
     def call(name: str, more: Mapping[str, Any] | None = None) -> list[ca.SX]:
-        function = expand(name, mathematics_of(equations, name))
+        function = expand(name, mathematics_of(robot, name))
         given = values | dict(more or {})
         out: list[ca.SX] = function.call([given[key] for key in function.name_in()])
         return out
 
     a_a, a_m, _ = call("forward_dynamics_tool_force")
     inputs, names = [x, u, p], ["state", "input", "parameters"]
+    z_rates, fastest, by_z = ca.SX(0, 1), None, ca.SX(n, 0)
+    if memory is not None:
+        z_rates, bound, by_z = memory.function(q_a, v_a, q_m, v_m, x[2 * n :])
+        fastest = ca.Function("plant_fastest", [x], [bound], ["state"], ["fastest"])
     a_me = ca.vertcat(ca.SX(0, 1), *[a_m[j] for j in i_m])
-    rate = ca.Function("plant_rate", inputs, [ca.densify(ca.vertcat(x[n:], a_a, a_me))], names, ["rate"])
+    rate = ca.Function(
+        "plant_rate", inputs, [ca.densify(ca.vertcat(x[n : 2 * n], a_a, a_me, z_rates))], names, ["rate"]
+    )
     accelerations = ca.Function("plant_accelerations", inputs, [a_a, a_m], names, ["a_a", "a_m"])
     s_a, s_m = ca.SX.sym("a_a", n_a), ca.SX.sym("a_m", model.n_m)
     M, R = call("residual_jacobians", {"a_a": s_a, "a_m": s_m})
@@ -122,14 +135,21 @@ def _graphs(equations: Equations) -> _Graphs:
     J = call("jacobian")[0]
     R[:n_a, :n_a] = R[:n_a, :n_a] - ca.jacobian(ca.mtimes(J.T, f_tool), q_a)
     R_f[:n_a, :] = -J.T
-    right = ca.densify(ca.horzcat(R, R_f))
+    right = ca.horzcat(R[:, : 2 * n], -by_z, R[:, 2 * n :], R_f)
+    if memory is not None:
+        M = ca.diagcat(M, ca.SX.eye(n_z))
+        right = ca.vertcat(right, ca.horzcat(-ca.jacobian(z_rates, x), ca.SX(n_z, u.numel())))
     jacobians = ca.Function(
-        "plant_jacobians", [*inputs, s_a, s_m], [ca.densify(M), right], [*names, "a_a", "a_m"], ["M_y", "R_y"]
+        "plant_jacobians",
+        [*inputs, s_a, s_m],
+        [ca.densify(M), ca.densify(right)],
+        [*names, "a_a", "a_m"],
+        ["M_y", "R_y"],
     )
     y = _output(model, call, q_m, v_m, q_g, q_a, ca.mtimes(J, v_a))
     output = ca.Function("plant_output", [x], [y], ["state"], ["output"])
     C = ca.Function("plant_output_jacobian", [x], [ca.densify(ca.jacobian(y, x))], ["state"], ["C"])
-    return _Graphs(rate, accelerations, jacobians, output, C)
+    return _Graphs(rate, accelerations, jacobians, output, C, fastest)
 
 
 def _output(model: RobotModel, called: Any, q_m: ca.SX, v_m: ca.SX, q_g: ca.SX, q_a: ca.SX, v_tool: ca.SX) -> ca.SX:
@@ -148,23 +168,26 @@ def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[s
     """The model part: its files, how flexgen_fmu_config.h calls its functions, and the size of the workspace."""
     model = equations.model
     base = library_spec(equations, ("forward_kinematics",))
-    n, n_u = model.dof, model.n_m + 6
-    n_y = graphs.output.size1_out(0)
+    n, n_u, n_x = model.dof, model.n_m + 6, graphs.rate.size1_in(0)
+    n_y, rows = graphs.output.size1_out(0), n_x - model.dof
+    behind = "; torques of hysteresis and bristles" if graphs.fastest else ""
+    text = f"q_a, q_m, v_a, v_m; of the motors those behind elastic gears{behind}"
     ports = {
-        "state": Port("state", (2 * n,), "mixed", "q_a, q_m, v_a, v_m; of the motors those behind elastic gears"),
+        "state": Port("state", (n_x,), "mixed", text),
         "input": Port("input", (n_u,), "mixed", "motor torques [N m], force [N] and torque [N m] on the tool"),
         "parameters": Port("parameters", (len(equations.parameters),), "mixed", "payload, listed at the top"),
-        "rate": Port("rate", (2 * n,), "mixed", "time derivative of the state"),
-        "A": Port("A", (2 * n, 2 * n), "mixed", "d rate/d state"),
-        "B": Port("B", (2 * n, n_u), "mixed", "d rate/d input"),
+        "rate": Port("rate", (n_x,), "mixed", "time derivative of the state"),
+        "A": Port("A", (n_x, n_x), "mixed", "d rate/d state"),
+        "B": Port("B", (n_x, n_u), "mixed", "d rate/d input"),
         "output": Port("output", (n_y,), "mixed", "motors, tool, deflections"),
-        "C": Port("C", (n_y, 2 * n), "mixed", "d output/d state"),
+        "C": Port("C", (n_y, n_x), "mixed", "d output/d state"),
+        "fastest": Port("fastest", (1,), "1/s", "rate at which small changes of the torques fade"),
     }
-    parts = (Part("A", n, 0, 2 * n), Part("B", n, 2 * n, n_u))
+    parts = (Part("A", n, 0, n_x), Part("B", n, n_x, n_u))
     ones = tuple(("A", i, n + i) for i in range(n))
-    solve = Solve("M_y", "R_y", n, 2 * n + n_u, False, profile(graphs.jacobians, "M_y"), parts, ones)
+    solve = Solve("M_y", "R_y", rows, n_x + n_u, False, profile(graphs.jacobians, "M_y"), parts, ones)
     steps = (Expressions(graphs.accelerations, pivots=True), Expressions(graphs.jacobians), solve)
-    table = (
+    table = [
         ("plant_rate", "Right-hand side of the equations of motion.", "dx/dt = f(x, u)", "state input parameters",
          "rate", Routine((Expressions(graphs.rate, pivots=True),))),
         ("plant_linearization", "Its Jacobians.", "d(dx/dt) = A dx + B du", "state input parameters", "A B",
@@ -172,7 +195,10 @@ def _emit(equations: Equations, graphs: _Graphs) -> tuple[dict[str, str], dict[s
         ("plant_output", "Outputs.", "y = g(x)", "state", "output", Routine((Expressions(graphs.output),))),
         ("plant_output_jacobian", "Their Jacobian.", "dy = C dx", "state", "C",
          Routine((Expressions(graphs.output_jacobian),))),
-    )  # fmt: skip
+    ]  # fmt: skip
+    if graphs.fastest is not None:
+        summary = "Largest rate at which torques of hysteresis and bristles fade."
+        table.append(("plant_fastest", summary, "", "state", "fastest", Routine((Expressions(graphs.fastest),))))
     functions = []
     for name, summary, equation, given, got, routine in table:
         ins, outs = (tuple(ports[word] for word in words.split()) for words in (given, got))
@@ -193,10 +219,12 @@ def _write(spec: LibrarySpec) -> tuple[dict[str, str], dict[str, str], str]:
         "A": "r",
         "B": "s",
         "C": "r",
+        "fastest": "r",
     }
     macros = {"plant_rate": "MODEL_RATE(x, u, p, r, w)", "plant_linearization": "MODEL_LINEARIZATION(x, u, p, r, s, w)",
               "plant_output": "MODEL_OUTPUT(x, u, p, r, w)",
-              "plant_output_jacobian": "MODEL_OUTPUT_JACOBIAN(x, u, p, r, w)"}  # fmt: skip
+              "plant_output_jacobian": "MODEL_OUTPUT_JACOBIAN(x, u, p, r, w)",
+              "plant_fastest": FASTEST}  # fmt: skip
     for f in spec.functions:
         given = [arguments[port.name] for port in (*f.inputs, *f.outputs)]
         given += ["w"] if written[f.name].work > 0 else []
@@ -207,19 +235,20 @@ def _write(spec: LibrarySpec) -> tuple[dict[str, str], dict[str, str], str]:
 # --- numbers ----------------------------------------------------------------------------------------------------------
 
 
-def _start(model: RobotModel, held: Equilibrium) -> np.ndarray:
-    """The state of the equilibrium."""
-    return np.concatenate([held.q_a, held.q_m[list(model.i_m)], np.zeros(model.dof)])
+def _start(model: RobotModel, held: Equilibrium, size: int) -> np.ndarray:
+    """The state of the equilibrium (size,), without torques that have states."""
+    return np.concatenate([held.q_a, held.q_m[list(model.i_m)], np.zeros(size - model.dof)])
 
 
 def _default_step(graphs: _Graphs, equations: Equations, x: np.ndarray, held: Equilibrium) -> float:
     """1, 2 or 5 times a power of ten [s]: a twentieth of the time constant of the fastest pole at home, at most."""
-    n, u = len(x) // 2, np.concatenate([held.tau_m, np.zeros(6)])
+    n, u = equations.model.dof, np.concatenate([held.tau_m, np.zeros(6)])
     p = np.array([parameter.value for parameter in equations.parameters])
     a_a, a_m = evaluate(graphs.accelerations, x, u, p)
     M, R = evaluate(graphs.jacobians, x, u, p, a_a[0], a_m[0])
-    lower = -np.linalg.solve(M[0].reshape(n, n), R[0].reshape(n, -1)[:, : 2 * n])
-    A = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
+    rows = len(x) - n
+    lower = -np.linalg.solve(M[0].reshape(rows, rows), R[0].reshape(rows, -1)[:, : len(x)])
+    A = np.vstack([np.eye(n, len(x), n), lower])
     fastest = float(np.abs(np.linalg.eigvals(A)).max())
     most = min(STEP_MAX, 1.0 / (STEPS_PER_TIME_CONSTANT * fastest)) if fastest > 0.0 else STEP_MAX
     power = 10.0 ** math.floor(math.log10(most) + 1e-12)
@@ -313,10 +342,11 @@ def _states(model: RobotModel, graphs: _Graphs, x: np.ndarray) -> list[Variable]
         out.append(Variable(f"{name}.{what}", STATE, k, unit, f"{what} {text}", float(x[k]), nominal=nominal))
     for k, (name, _, unit, text, nominal) in enumerate(half):
         out.append(Variable(f"{name}.speed", STATE, n + k, f"{unit}/s", f"speed {text}", 0.0, nominal=nominal))
+    out += memory_variables(model, 2 * n)
     by_state, by_input = _pattern(graphs.rate, 0), _pattern(graphs.rate, 1)
-    for k in range(2 * n):
-        name, what, unit, _, _ = half[k % n]
-        own, rate = (f"der({name}.{what})", f"{unit}/s") if k < n else (f"der({name}.speed)", f"{unit}/s2")
+    for k, state in enumerate(out[:]):
+        own = f"der({state.name})"
+        rate = f"{state.unit}2" if state.unit.endswith("/s") else f"{state.unit}/s"
         depends = [1000 * STATE + int(i) for i in np.flatnonzero(by_state[k])]
         depends += [1000 * INPUT + int(i) for i in np.flatnonzero(by_input[k])]
         out.append(Variable(own, RATE, k, rate, "its time derivative", depends=tuple(depends)))

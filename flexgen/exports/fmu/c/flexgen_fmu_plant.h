@@ -10,6 +10,10 @@
 #define FLEXGEN_FMU_PLANT_H
 
 enum { METHOD_RK4 = 1, METHOD_SDIRK4 = 2 }; /* setting 0 */
+#if MODEL_MEMORY
+enum { MOST_PARTS = 1000 };             /* of a step */
+static const double MOST_FADING = 0.25; /* time constants of hysteresis and bristles in a part */
+#endif                                  /* MODEL_MEMORY */
 enum { STAGES = 5, ITERATIONS = 12, REFRESHES = 4, MOST_STEPS = 10000000 };
 static const double NEWTON_TOLERANCE = 1e-11; /* of a correction, relative to the size of each state */
 
@@ -221,6 +225,33 @@ static const char *sdirk4_step(core *c, double h)
     }
     return problem;
 }
+#if MODEL_MEMORY
+
+/*
+ * Steps over `length`, each divided such that torques of hysteresis and bristles fade by MOST_FADING in a part, at
+ * most: Runge-Kutta is stable until 2.8, and the error of both methods is that of a smooth function.
+ */
+static const char *divided_step(core *c, double length)
+{
+    double done = 0.0;
+    const char *problem = NULL;
+    for (int part = 0; problem == NULL && done < length; ++part) {
+        double fastest = 0.0, h = length - done;
+        if (MODEL_FASTEST(c->s.x, c->s.u, c->s.p, &fastest, c->work) != 0) {
+            return "the rates of hysteresis and bristles are not finite";
+        }
+        if (part >= MOST_PARTS) {
+            return "the torques of hysteresis or bristles change too fast: decrease integration.step";
+        }
+        if (h * fastest > MOST_FADING) {
+            h = h / ceil(h * fastest / MOST_FADING);
+        }
+        problem = c->s.setting[0] == METHOD_SDIRK4 ? sdirk4_step(c, h) : rk4_step(c, h);
+        done = h < length - done ? done + h : length;
+    }
+    return problem;
+}
+#endif /* MODEL_MEMORY */
 
 static const char *block_advance(core *c, double length)
 {
@@ -233,7 +264,11 @@ static const char *block_advance(core *c, double length)
     steps = wanted < 1.0 ? 1 : (long)wanted;
     for (long k = 0; problem == NULL && k < steps; ++k) {
         const double h = length / (double)steps;
+#if MODEL_MEMORY
+        problem = divided_step(c, h);
+#else  /* MODEL_MEMORY */
         problem = c->s.setting[0] == METHOD_SDIRK4 ? sdirk4_step(c, h) : rk4_step(c, h);
+#endif /* MODEL_MEMORY */
     }
     for (int i = 0; problem == NULL && i < N_X; ++i) {
         if (!isfinite(c->s.x[i])) {
