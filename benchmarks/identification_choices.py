@@ -20,7 +20,8 @@ SMOOTH = Path(__file__).resolve().parent.parent / "tests" / "support" / "robots"
 TOOL = [
     {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.02},
     *(
-        {"name": f"link{k}", "type": "link_encoder", "coordinate": f"q{k}", "unit": "rad", "noise": 1e-6}
+        {"name": f"{name}{k}", "type": kind, "coordinate": f"q{k}", "unit": unit, "noise": noise}
+        for name, kind, unit, noise in (("link", "link_encoder", "rad", 1e-6), ("torque", "joint_torque", "N m", 1.0))
         for k in range(1, 7)
     ),
 ]
@@ -48,16 +49,13 @@ def spectra(model: RobotModel, options: dict[str, Any]) -> list[list[Any]]:
 def sensors(model: RobotModel, name: str, options: dict[str, Any]) -> list[list[Any]]:
     """Predicted deviations with sensors in addition to the motor encoders, one pose and many."""
     robot = replace(model, sensors=flexgen.read(name, overrides={"sensor": TOOL}).sensors)
-    links = [f"link{k}" for k in range(1, 7)]
+    links, torques = ([f"{name}{k}" for k in range(1, 7)] for name in ("link", "torque"))
+    added = [("a tool accelerometer", ["acc.x", "acc.y", "acc.z"]), ("link encoders", links)]
+    added += [("joint torque sensors", torques)]
     rows = []
-    for label, used in (
-        ("motor encoders", []), ("and a tool accelerometer", ["acc.x", "acc.y", "acc.z"]), ("and link encoders", links),
-    ):  # fmt: skip
-        row: list[Any] = [label]
-        for poses in (1, options["poses"]):
-            plan = flexgen.excite(robot, sensors=used, **options | {"poses": poses})
-            row += [_accuracy(plan.predicted, "stiffness"), _accuracy(plan.predicted, "damping")]
-        rows.append(row)
+    for label, used in [("motor encoders", []), *((f"and {name}", used) for name, used in added)]:
+        plans = [flexgen.excite(robot, sensors=used, **options | {"poses": n}) for n in (1, options["poses"])]
+        rows.append([label, *(_accuracy(plan.predicted, x) for plan in plans for x in ("stiffness", "damping"))])
     return rows
 
 

@@ -330,7 +330,7 @@ class LocalModel:
         derivatives: bool = True,
         rest: Rest | None = None,
     ) -> Response:
-        """Frequency responses from motor torques to the accelerations of motors and sensors.
+        """Frequency responses from motor torques to the accelerations of motors and the signals of sensors.
 
         Parameters
         ----------
@@ -355,7 +355,7 @@ class LocalModel:
         M, D, K, B = (x.reshape(len(q_m), n, -1) for x in evaluate(function, rest.y, values, speeds))
         inward = drive.transfer(w, self.model.n_m)[:, None, :]
         outward = self.outputs.transfer(w, drive.sensor_delays)[:, :, None]
-        rows, drows = self.outputs.at(rest.y, rest.dy)
+        rows, drows = self.outputs.at(rest.y, rest.dy, values, speeds[:, self.model.n_m :][:, : self.model.n_a])
         s = 1j * w[:, None, None]
         G, dG = [], []
         changes = evaluate(by, rest.y, values, speeds)[0] if derivatives else None
@@ -368,7 +368,7 @@ class LocalModel:
             if changes is None:
                 continue
             dG.append(self._derivative(changes[k], rest.dy[k], C @ both, -X, w))
-            if drows[k].any():  # the rows of sensors move with the pose of rest
+            if drows[k].any():  # the rows of sensors depend on the pose of rest, and on masses
                 moved = np.einsum("ml,monp->lonp", np.stack([s**2, s, s**0])[..., 0, 0], drows[k])
                 dG[-1] += outward[..., None] * np.einsum("lonp,lnb->lobp", moved, X, optimize=True)
         return Response(np.array(G), np.array(dG) if derivatives else None)

@@ -1,22 +1,25 @@
-"""Outputs of frequency responses: motor angles, and the sensors of the model, all as accelerations.
+"""Outputs of frequency responses: motor angles, and the sensors of the model, as accelerations, torques and forces.
 
     Y_o(w) = (j w)^m exp(-j w t_o) S_o(w)
     S_o = (s^2 C2 + s C1 + C0) X,    s = j w
 
-S_o: spectrum of the signal, t_o its delay, m = 2 for angles and positions, 1 for rates, 0 for accelerations; X:
-spectrum of the coordinates y about rest.
+S_o: spectrum of the signal, t_o its delay, m = 2 for angles and positions, 1 for rates, 0 for accelerations, torques
+and forces; X: spectrum of the coordinates y about rest.
 
 ``C2, C1, C0``: derivatives of the signal in the accelerations, velocities and coordinates at rest. The last one has the
-tilt of an accelerometer in the gravity field.
+tilt of an accelerometer in the gravity field. Those of torques and forces depend on masses and frictions; a friction of
+a joint has there the mean slope that it has in the matrices of `flexgen.identification.local_model`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
+from flexgen.analysis.mean_friction import is_linear, mean_viscous_change
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.sensors import sensor_signals
@@ -27,8 +30,8 @@ ANGLE = 2  # time derivatives from a motor angle to its acceleration
 
 
 def channels(model: RobotModel) -> tuple[str, ...]:
-    """Names of the channels of all sensors of a model that measure its motion."""
-    return tuple(name for sensor in model.sensors if not sensor.of_force for name in sensor.channels)
+    """Names of the channels of all sensors of a model."""
+    return tuple(name for sensor in model.sensors for name in sensor.channels)
 
 
 def output_orders(model: RobotModel, chosen: Sequence[str]) -> np.ndarray:
@@ -42,9 +45,15 @@ def check_channels(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
     known = channels(model)
     for name in chosen:
         if name not in known:
-            listed = f"one of {', '.join(known)}" if known else "none: the model file has no [[sensor]] of its motion"
+            listed = f"one of {', '.join(known)}" if known else "none: the model file has no [[sensor]]"
             raise ArgumentError(f"sensor channel: given {name!r}, expected {listed}")
     return tuple(chosen)
+
+
+def noises(model: RobotModel, chosen: Sequence[str]) -> np.ndarray:
+    """Standard deviation of a sample of each channel, SI units."""
+    known = {c: sd for sensor in model.sensors for c, sd in zip(sensor.channels, sensor.noises, strict=True)}
+    return np.array([known[name] for name in chosen])
 
 
 class OutputRows:
@@ -61,8 +70,7 @@ class OutputRows:
     def __init__(self, equations: Equations, motor_rows: np.ndarray, chosen: Sequence[str]) -> None:
         model = equations.model
         self.motor_rows, self.names = motor_rows, check_channels(model, chosen)
-        known = [name for sensor in model.sensors for name in sensor.channels]
-        self._index = [known.index(name) for name in self.names]
+        self._index = [channels(model).index(name) for name in self.names]
         self.orders = output_orders(model, self.names)
         late = {name: sensor for sensor in model.sensors for name in sensor.channels}
         self.sensors = ("",) * model.n_m + tuple(late[name].name for name in self.names)  # of each output
@@ -82,17 +90,30 @@ class OutputRows:
         """Whether each output belongs to a sensor, (outputs,)."""
         return np.array([name == sensor for name in self.sensors])
 
+    @cached_property
     def _function(self) -> ca.Function:
-        """y -> C2, C1, C0 (channels, n) each, and their derivatives in y, (3 * channels * n, n)."""
-        y, dy, ddy = self._equations.y
-        signals = sensor_signals(self._equations)[self._index]
+        """y, p, speeds -> C2, C1, C0 (channels, n), and their derivatives in y and p, (3 * channels * n, n or n_p)."""
+        e, model = self._equations, self._equations.model
+        y, dy, ddy = e.y
+        speed_sd = ca.SX.sym("speed_sd", model.n_a)
+        signals = sensor_signals(e)[self._index]
         still = ca.vertcat(dy, ddy)
         zero = ca.SX.zeros(still.numel())
         rows = [ca.densify(ca.substitute(ca.jacobian(signals, x), still, zero)) for x in (ddy, dy, y)]
+        torques = {sensor.name: sensor.place for sensor in model.sensors if sensor.type == "joint_torque"}
+        for c, name in enumerate(self.names):
+            if name in torques:
+                i = [coordinate.name for coordinate in model.coordinates].index(torques[name])
+                dof = e.with_symbols.coordinates[i].dof
+                if dof is not None and not is_linear(dof.friction):
+                    rows[1][c, i] += mean_viscous_change(dof.friction, speed_sd[i], model.temperature)
         stacked = ca.vertcat(*[ca.vec(row) for row in rows])
-        return ca.Function("rows", [y], [*rows, ca.densify(ca.jacobian(stacked, y))])
+        by = [ca.densify(ca.jacobian(stacked, x)) for x in (y, e.symbols)]
+        return ca.Function("rows", [y, e.symbols, speed_sd], [*rows, *by])
 
-    def at(self, y: np.ndarray, dy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(
+        self, y: np.ndarray, dy: np.ndarray, values: np.ndarray, speed_sd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Rows at rest, and their derivatives in the parameters.
 
         Parameters
@@ -101,6 +122,9 @@ class OutputRows:
             Coordinates at rest.
         dy : array (k, n, n_p)
             Their derivatives.
+        values : array (n_p,)
+        speed_sd : array (k, n_a)
+            Standard deviations of the speeds of the coordinates, for friction that is not viscous.
 
         Returns
         -------
@@ -115,8 +139,8 @@ class OutputRows:
         rows[:, 2, :n_m] = self.motor_rows
         if self.names:
             c = len(self.names)
-            *found, by_y = evaluate(self._function(), y)
+            *found, by_y, by_p = evaluate(self._function, y, values, speed_sd)
             rows[:, :, n_m:] = np.stack([x.reshape(k, c, n) for x in found], axis=1)
-            # CasADi stacks columns: (3, n, channels)
-            drows[:, :, n_m:] = (by_y.reshape(k, 3 * n * c, n) @ dy).reshape(k, 3, n, c, -1).swapaxes(2, 3)
+            change = by_y.reshape(k, 3 * n * c, n) @ dy + by_p.reshape(k, 3 * n * c, -1)
+            drows[:, :, n_m:] = change.reshape(k, 3, n, c, -1).swapaxes(2, 3)  # CasADi stacks columns: (3, n, channels)
         return rows, drows

@@ -67,8 +67,11 @@ def response_grid(data: Frf, identified: IdentificationResult | None = None, pos
         axes[a, 0].set_ylim(max(low / 3, top * 1e-5), 2 * top)
         cv.log_axis(axes[a, 0].yaxis, 5)
     figure.supxlabel("frequency, Hz", fontsize=9)
-    unit = "rad/(s² N m)" if rows == n else "rad/(s² N m) or m/(s² N m)"
-    figure.supylabel(f"acceleration over torque, {unit}", fontsize=9)
+    of_motors, of_sensors = (
+        "acceleration over torque, rad/(s² N m)",
+        "acceleration, torque or force over torque, SI units",
+    )
+    figure.supylabel(of_motors if rows == n else of_sensors, fontsize=9)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower right", ncols=3)
     return figure

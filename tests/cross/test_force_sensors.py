@@ -224,8 +224,10 @@ def test_what_is_not_covered_is_refused() -> None:
     plain = flexgen.read("elbow")
     with pytest.raises(ArgumentError, match=r"given elbow without a \[\[sensor\]\]"):
         flexgen.sense(plain, flexgen.solve(plain).trajectory)
-    model = flexgen.read("elbow", overrides={"sensor": [{**TORQUES[1], "noise": 1.0}]})
-    with pytest.raises(ArgumentError, match=r"sensor channel: given 'flange\.fx', expected none"):
+    rotors = {f"motor.m1.{key}": value for key, value in (("axis", [0, 0, 1]), ("carrier", "base"))}
+    rotors |= {f"motor.m2.{key}": value for key, value in (("axis", [0, 0, 1]), ("carrier", "upper"))}
+    model = flexgen.read("elbow", overrides={"motor_coupling": "complete", "sensor": [TORQUES[1]], **rotors})
+    with pytest.raises(ArgumentError, match=r'sensor flange: .*motor_coupling = "complete"'):
         flexgen.excite(model, poses=[[0.5, -0.3]], sensors=["flange.fx"])
 
 

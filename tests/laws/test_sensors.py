@@ -75,7 +75,7 @@ def test_a_row_that_does_not_move_with_the_pose_is_noticed(monkeypatch: pytest.M
     q_m = poses_of(model, 1, spread=0.2) @ model.eta.T
     exact = local.response(local.values, q_m, W, Drive()).dG
     real = local.outputs.at
-    monkeypatch.setattr(local.outputs, "at", lambda y, dy: (real(y, dy)[0], 0 * real(y, dy)[1]))
+    monkeypatch.setattr(local.outputs, "at", lambda *given: (real(*given)[0], 0 * real(*given)[1]))
     without = local.response(local.values, q_m, W, Drive()).dG
     assert exact is not None and without is not None
     difference = np.abs(exact - without)[0, :, model.n_m :].max()

@@ -21,11 +21,12 @@ import numpy as np
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.outputs import output_orders
+from flexgen.identification.outputs import noises, output_orders
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_drive, is_of_sensor
 from flexgen.model.elements import RobotModel
 
 FRICTIONS = (".viscous", ".coulomb", ".stribeck", ".alpha", ".beta", ".offset")
+ROUNDING = 1e-6  # least noise of a sensor over what the noise of the torques gives in it: covariances stay regular
 RANGE = 1.0  # rad or m about home where a joint has no limits
 CriterionName = Literal["A", "D", "random"]
 CRITERIA: tuple[CriterionName, ...] = get_args(CriterionName)
@@ -68,9 +69,13 @@ def noise_covariance(G: np.ndarray, w: np.ndarray, plan: Plan, model: RobotModel
     torque = max(hardware.torque_noise_Nm, 1e-9) ** 2
     of = {name: sensor for sensor in model.sensors for name in sensor.channels}
     slower = {name: (of[name].sample_s or hardware.sample_s) / hardware.sample_s for name in plan.sensors}
-    output = np.array([angle] * n + [of[name].noise ** 2 * slower[name] for name in plan.sensors])
+    sensed = noises(model, plan.sensors) ** 2 * [slower[name] for name in plan.sensors]
+    output = np.concatenate([np.full(n, angle), sensed])
     white = w[:, None] ** (2 * output_orders(model, plan.sensors)) * np.maximum(output, 1e-24)
-    return scale * (torque * G @ G.conj().transpose(0, 2, 1) + white[:, :, None] * np.eye(len(output)))
+    by_torques = torque * G @ G.conj().transpose(0, 2, 1)
+    largest = np.einsum("loo->lo", by_torques.real)[:, n:].max(axis=0)
+    white[:, n:] = np.maximum(white[:, n:], ROUNDING**2 * largest)
+    return scale * (by_torques + white[:, :, None] * np.eye(len(output)))
 
 
 def information(

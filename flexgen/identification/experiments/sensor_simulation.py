@@ -7,7 +7,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.outputs import check_channels
+from flexgen.identification.outputs import channels, check_channels, noises
 from flexgen.library.casadi_module import in_c
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.sensors import sensor_signals
@@ -40,13 +40,12 @@ class SensorSignals:
         self.robot, self.library, self.names = robot, library, check_channels(robot, plan.sensors)
         of = {name: sensor for sensor in robot.sensors for name in sensor.channels}
         sensors = [of[name] for name in self.names]
-        self.noise = np.array([sensor.noise for sensor in sensors])  # all channels alike: none is of a force
+        self.noise = noises(robot, self.names)
         self.steps = [self._step(name, of[name].sample_s, plan) for name in self.names]
         self.delays = np.array([sensor.delay_s for sensor in sensors])
         self.rng = np.random.default_rng(seed)
         equations = derive(robot)
-        known = [name for sensor in robot.sensors for name in sensor.channels]
-        signals = sensor_signals(equations)[[known.index(name) for name in self.names]]
+        signals = sensor_signals(equations)[[channels(robot).index(name) for name in self.names]]
         self._signals = in_c(ca.Function("signals", [*equations.y], [ca.densify(signals)]))
 
     @staticmethod

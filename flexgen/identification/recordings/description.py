@@ -213,9 +213,12 @@ def _signals(root: Table, model: RobotModel) -> list[_Channel]:
         name = table.choice("sensor", tuple(of))
         if name in [channel.of for channel in found]:
             raise table.fail("sensor", "one signal for each channel")
-        units = UNITS[of[name].type]
-        if of[name].type == "link_encoder":
-            units = {unit: x for unit, x in units.items() if (unit in ANGLE_UNITS) == (of[name].unit == "rad")}
+        sensor, units = of[name], UNITS[of[name].type]
+        own = dict(zip(sensor.channels, sensor.units, strict=True))[name]
+        if sensor.type == "link_encoder":
+            units = {unit: x for unit, x in units.items() if (unit in ANGLE_UNITS) == (own == "rad")}
+        elif sensor.of_force:
+            units = {unit: x for unit, x in (units | {"N m": 1.0}).items() if (unit == "N m") == (own == "N m")}
         unit = table.choice("unit", tuple(units))
         found.append(_channel(table, name, units[unit]))
     return found

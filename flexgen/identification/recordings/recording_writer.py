@@ -64,7 +64,7 @@ class RecordingWriter:
                 rows.append(
                     f'\n[[{kind}]]\nmotor = "{motor}"\nname = "{letter}_{j + 1}"\nunit = "{unit}"\nside = "motor"'
                 )
-        units = {name: sensor.unit for sensor in self.model.sensors for name in sensor.channels}
+        units = {c: unit for s in self.model.sensors for c, unit in zip(s.channels, s.units, strict=True)}
         for c, sensor in enumerate(plan.sensors):
             rows.append(f'\n[[signal]]\nsensor = "{sensor}"\nname = "s_{c + 1}"\nunit = "{units[sensor]}"')
         gains = {name: getattr(plan.controller, name) for name in ("position_gain", "speed_gain", "integral_gain")}
