@@ -156,6 +156,7 @@ TORQUES = [
 ]
 
 
+@pytest.mark.slow
 def test_the_loop_measures_the_torque_of_the_gear_and_the_force_on_the_tool() -> None:
     """Against the springs of the gears at rest, and the weight of the payload of each robot."""
     model = flexgen.read("planar5_nmp", overrides={"sensor": TORQUES})
@@ -175,6 +176,7 @@ def test_the_loop_measures_the_torque_of_the_gear_and_the_force_on_the_tool() ->
     assert np.abs(run.nominal.sensors[:quiet] - planned[:quiet]).max() < 1e-2 * np.abs(planned).max()
 
 
+@pytest.mark.slow
 def test_an_encoder_error_reaches_the_controller() -> None:
     """At rest the loop moves the motor until the encoder shows the reference: the error, turned round."""
     error = {"harmonics": [1, 2], "cos": [2e-3, 0.0], "sin": [0.0, 1e-3]}
@@ -190,6 +192,7 @@ def test_an_encoder_error_reaches_the_controller() -> None:
     assert run.distance(robot).max() > 3 * plain.distance(plain.nominal).max()
 
 
+@pytest.mark.slow
 def test_a_strain_gauge_reads_the_deflection_and_its_responses_are_those_of_the_linear_model() -> None:
     gauge = {"name": "bend", "type": "strain", "coordinate": "q3", "unit": "um/m", "gauge": 2e4, "offset": -3.0}
     plain = without_coulomb("planar5_nmp")

@@ -85,6 +85,7 @@ def test_arms_with_elastic_joints_stay_on_their_path() -> None:
     assert solution.simulation.tool_error_max_m < 1e-8
 
 
+@pytest.mark.slow
 def test_the_temperature_is_a_run_time_parameter(tmp_path: Path) -> None:
     """One library at 20, 45 and again 20 degrees C, whole path and stream, against models read at these."""
     made = flexgen.generate(robot(), tmp_path, parameters=["temperature"])

@@ -42,6 +42,7 @@ def test_mujoco_of_six_axes_with_hysteresis_follows_the_path() -> None:
     assert wrong < WRONG * unknown
 
 
+@pytest.mark.slow
 def test_a_robot_without_hysteresis_does_not_follow_the_torques_for_one() -> None:
     """The referee tells the two robots apart: it is planted the wrong robot."""
     (path,) = [flexgen.solve(hysteretic("elbow"), progress=False).trajectory]

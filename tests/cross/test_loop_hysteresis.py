@@ -45,6 +45,7 @@ def times(factor: float, function: Any) -> Any:
     return lambda *given: factor * function(*given)
 
 
+@pytest.mark.slow
 def test_the_loop_has_the_errors_of_mujoco(plain: flexgen.Solution) -> None:
     """44.5 um of the torques that lack the hysteresis, without feedback: 2e-13 m apart; also where it is 20 % wider."""
     pytest.importorskip("mujoco")
@@ -87,6 +88,7 @@ def test_planted_errors_of_the_law_are_found(
     assert run.status != "done" or error_of(run) != pytest.approx(expected, rel=1e4 * AGREES)
 
 
+@pytest.mark.slow
 def test_robots_with_other_numbers_are_models_with_these_numbers(plain: flexgen.Solution) -> None:
     """Slip torques follow the springs; a force on the tool and a load act on all."""
     push = [flexgen.Disturbance("pulse", "tool.x", 300.0, 0.25, 0.02), flexgen.Disturbance("step", "m1", 0.1, 0.1)]

@@ -58,6 +58,7 @@ def test_planted_errors_of_the_law_are_found(
     assert run.status != "done" or error_of(run) != pytest.approx(error_of(right), rel=10 * AGREES)
 
 
+@pytest.mark.slow
 def test_feedforward_that_knows_the_friction_leaves_no_error(plain: flexgen.Solution) -> None:
     model = bristled("elbow", NUMBERS)
     unknown = flexgen.control(model, solution=plain, progress=False)

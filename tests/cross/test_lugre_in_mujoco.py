@@ -39,6 +39,7 @@ def test_mujoco_with_this_friction_follows_the_path(name: str) -> None:
     assert wrong < 0.3 * unknown
 
 
+@pytest.mark.slow
 def test_a_robot_without_it_does_not_follow_the_torques_for_one() -> None:
     """The referee tells the two robots apart: it is planted the wrong robot."""
     path = flexgen.solve(bristled("elbow", tables("elbow")), progress=False).trajectory

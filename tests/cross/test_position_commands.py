@@ -132,6 +132,7 @@ def test_mujoco_of_six_axes_under_the_table(tmp_path):
     assert error_in_mujoco(found, tmp_path) < 2e-6
 
 
+@pytest.mark.slow
 def test_limits_of_the_commands_are_kept_and_their_cost_is_stated(solved):
     given = {"solution": solved["planar5_nmp"], "progress": False}
     free = flexgen.command_positions(robot_of("planar5_nmp"), **given)
@@ -284,6 +285,7 @@ def test_a_robot_carries_its_servo(tmp_path):
     assert np.array_equal(flexgen.command_positions(proposed, **given).joint, usual.joint)
 
 
+@pytest.mark.slow
 def test_columns_of_positions_drive_mujoco(tmp_path):
     """Planted: a delay of one sample of the servo, and a model whose speed gains are exchanged."""
     servo = flexgen.read(with_servo(tmp_path, PLAIN)).servo

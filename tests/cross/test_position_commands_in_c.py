@@ -258,6 +258,7 @@ def test_servos_that_do_not_fit(robot: Any, more: dict[str, Any], message: str) 
         library.invert(*path, period=H, q_start=move.q_start, n_pre=400, n_post=100, **more)
 
 
+@pytest.mark.slow
 def test_streams_in_motion_and_libraries_without_positions_take_no_servo(robot: Any, tmp_path: Path) -> None:
     model, library = robot
     move, (y, dy, ddy) = samples_of(model, PERIOD)
@@ -332,6 +333,7 @@ def error_of_windows(
     return error_in_mujoco(model, SimpleNamespace(**cut, command_m=sent), gains=gains)
 
 
+@pytest.mark.slow
 def test_mujoco_with_windows_of_a_stream_follows_the_path(robot: Any) -> None:
     model, library = robot
     assert error_of_windows(model, library, 8) < 2e-8

@@ -74,6 +74,7 @@ class Touched(MujocoMachine):
         return np.concatenate([v_a, a_a, v_m, a_m])
 
 
+@pytest.mark.slow
 def test_a_simulation_with_a_wall_is_that_of_mujoco_with_the_force_of_the_test() -> None:
     wall = wall_before_the_end(damping=DAMPING, gap=0.003)
     found = flexgen.simulate(robot(), solved().trajectory, wall=wall, feedback="none", held=0.0)

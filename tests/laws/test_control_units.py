@@ -61,6 +61,7 @@ def test_vibration_of_an_angle_is_in_radians(turning):
     assert "rad" in str(found) and "vibration_rad" in found.to_dict() and not LENGTH.search(str(found))
 
 
+@pytest.mark.slow
 def test_kinematics_takes_equations():
     equations = flexgen.derive("manutec_r3")
     p, R = (np.array(x) for x in equations.function("forward_kinematics")([0.3, -0.5, 0.8, 0.2, 0.7, -0.4]))

@@ -119,6 +119,7 @@ def test_an_own_integrator_under_the_torques_follows_the_path(tmp_path: Any) -> 
     assert last(1.0) < 1e-7 < 1e-3 < last(0.0)
 
 
+@pytest.mark.slow
 def test_simulation_and_loop_have_the_friction() -> None:
     """Under the torques of solve; those of a robot without load miss its path."""
     robot, other = loaded("elbow"), loaded("elbow", load_coulomb=0.0, load_stribeck=0.0)
@@ -130,6 +131,7 @@ def test_simulation_and_loop_have_the_friction() -> None:
     assert errors[0] < 1e-6 < 1e-5 < errors[1]
 
 
+@pytest.mark.slow
 def test_hysteresis_is_in_the_load(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulation, residual of the status and loop; a planted error: the load of the springs alone in the simulation."""
     robot = loaded("elbow", lost_motion=3e-4)

@@ -105,6 +105,7 @@ def test_damped_gears_follow_an_own_integrator(damping: float | None) -> None:
     assert_allclose(impulses, rates[quiet] - rates[50], rtol=0, atol=3e-5 * largest)  # of the trapezoids
 
 
+@pytest.mark.slow
 def test_the_law_along_deflections_is_that_of_the_stage() -> None:
     model, t = elbow(0.0), np.linspace(0.0, 0.45, 1801)  # reversals at samples
     law = gear_hysteresis(model)

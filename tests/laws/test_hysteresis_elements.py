@@ -108,6 +108,7 @@ def slips(p: np.ndarray, stiffness: np.ndarray, slip: np.ndarray) -> np.ndarray:
     return out
 
 
+@pytest.mark.slow
 def test_sharp_elements_are_maxwell_slip_with_masings_loop() -> None:
     """Exponent 20: within 4 % of the slip torques; a loop is twice its first loading, and returns to where it began."""
     model = elbow([Element(each.lost, each.stiffness, 20.0) for each in SLIPS])

@@ -135,6 +135,7 @@ def test_the_margin_of_an_elastic_joint_is_that_of_its_impedances(k_t: float, de
         assert np.abs(found.margins[0, at] - turned).max() > 0.02 * size
 
 
+@pytest.mark.slow
 def test_a_passive_loop_is_stable_at_every_spring_and_another_is_not(tmp_path: Path) -> None:
     largest = {}
     for B in (20.0, 200.0):
@@ -160,7 +161,7 @@ def sensed(**more: Any) -> Any:
     return flexgen.read("planar5_nmp", overrides={"sensor": sensors, "gravity": [0.0, 0.0, 0.0], **more})
 
 
-@pytest.mark.parametrize("k_t", [0.0, 0.2])
+@pytest.mark.parametrize("k_t", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
 def test_the_tool_gives_way_as_a_spring_of_the_stated_stiffness(k_t: float) -> None:
     """What the motors move the tool by under a force is force over stiffness, with and without torque feedback."""
     model, K = sensed(), (3e4, 6e4, 1e4)
@@ -224,6 +225,7 @@ def test_what_does_not_fit_is_refused(name: str, law: dict[str, Any], text: str)
         flexgen.control(name, controller=flexgen.Impedance(**law))
 
 
+@pytest.mark.slow
 def test_loops_that_cannot_be_checked_are_refused() -> None:
     run = flexgen.control("elbow", controller=flexgen.TomeiPD(frequency_hz=5.0))
     with pytest.raises(ArgumentError, match="expected a linear one"):

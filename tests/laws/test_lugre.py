@@ -120,6 +120,7 @@ def test_half_the_sampling_interval_leaves_a_small_part_of_the_error() -> None:
     assert fine < coarse / 8
 
 
+@pytest.mark.slow
 def test_the_simulation_balances_the_energy_and_is_without_bristles_as_before() -> None:
     plain = flexgen.solve("elbow", progress=False)
     assert plain.simulation is not None

@@ -143,6 +143,7 @@ def test_power_balance(name: str) -> None:
         assert found == pytest.approx(given - lost, rel=1e-9, abs=1e-9 * (abs(given) + abs(lost)))
 
 
+@pytest.mark.slow
 def test_the_recursion_is_the_lagrangian() -> None:
     model = harmonic("manutec_r3_18")
     equations, rng = flexgen.derive(model), np.random.default_rng(1)
@@ -263,6 +264,7 @@ def test_coupled_gears_have_no_transmission_error() -> None:
         flexgen.read("elbow", overrides=both | {"element.fore.dof.q2.gear.transmission_error": ERROR})
 
 
+@pytest.mark.slow
 def test_what_does_not_know_the_sums_refuses_them() -> None:
     model = harmonic("elbow")
     for call in (

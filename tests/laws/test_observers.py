@@ -184,6 +184,7 @@ def test_innovations_are_as_large_as_the_filter_claims(factor):
     assert found.normalized.sum() > low
 
 
+@pytest.mark.slow
 def test_estimates_follow_a_disturbance():
     """A torque that was not commanded is found within two of its deviations."""
     ekf = flexgen.ExtendedKalmanFilter("planar5_nmp", ("motors", "link_encoders"), sample_time=1e-3)
@@ -232,6 +233,7 @@ class Observed:
         return self.u
 
 
+@pytest.mark.slow
 def test_the_filter_works_inside_the_closed_loop(solution):
     """A disturbance of 0.5 N m on both motors stays with a proportional law, and goes where it is estimated."""
     errors = []
@@ -335,6 +337,7 @@ def test_observers_agree_along_a_motion(solution):
 
 
 # --- smoother ---------------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_a_smoother_reconstructs_a_deviation_without_delay(solution):
     """A deviation of the arm that follows from a force, seen without noise: found forwards as backwards."""
     channels = channels_of(solution.model, ("motors", "tool_accelerometer"))

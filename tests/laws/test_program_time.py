@@ -76,6 +76,7 @@ def found(given: dict[str, np.ndarray]) -> flexgen.FastestMove:
     return flexgen.fastest("planar5_nmp", THREE, limits=limits_of(given), coefficients=8, progress=False)
 
 
+@pytest.mark.slow
 def test_a_program_is_faster_and_keeps_every_limit(given: dict[str, np.ndarray], found: flexgen.FastestMove) -> None:
     limits, now = limits_of(given), measures(found.solution)
     assert found.duration_s < 0.85 * found.default_s and found.excess <= KEPT

@@ -122,6 +122,7 @@ def test_scale_turns_a_channel_and_an_offset_shifts_it_in_one_file(recorded):
             read_experiment(changed(turned, "wrong.toml", (old, new)))
 
 
+@pytest.mark.slow
 def test_what_refine_needs_of_recordings_is_named(recorded):
     path = recorded[1]
     model = flexgen.read("planar5_nmp")

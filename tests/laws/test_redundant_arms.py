@@ -85,6 +85,7 @@ def test_the_tool_follows_the_line(gears):
         assert np.abs(turned - expected).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_the_joints_change_as_little_as_possible():
     """Their speeds have no part that leaves the tool where it is."""
     solution = solved()

@@ -160,6 +160,7 @@ def planar(quiet: bool = False) -> RobotModel:
     return replace(without_coulomb("planar5_nmp"), sensors=used)
 
 
+@pytest.mark.slow
 def test_measured_responses_of_sensors_are_those_of_the_linear_model() -> None:
     model = planar(quiet=True)
     plan = flexgen.excite(model, poses=poses_of(model, 2), speed_rms=0.005, f_max=100.0)
@@ -202,6 +203,7 @@ def test_sensors_make_parameters_more_accurate_by_as_much_as_predicted(tmp_path:
     assert predicted[None] < 0.8 * predicted[()]
 
 
+@pytest.mark.slow
 def test_recordings_with_sensors_are_those_of_the_experiment(tmp_path: Path) -> None:
     model = planar()
     plan = flexgen.excite(model, poses=poses_of(model, 1), speed_rms=0.02, f_max=100.0, hardware=NOISY)

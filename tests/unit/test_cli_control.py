@@ -43,6 +43,7 @@ def test_control_in_json(capsys):
 WALL = "1.14,-0.147,0:0.2,-0.21,0:1e5:500"  # before the end of the line of planar5_nmp
 
 
+@pytest.mark.slow
 def test_a_wall_and_passivity_are_those_of_python(capsys):
     wall = flexgen.Wall((1.14, -0.147, 0.0), (0.2, -0.21, 0.0), stiffness=1e5, damping=500.0)
     words = ["control", "planar5_nmp", "--wall", WALL, "--passivity", "--sample-time", "0.001", "-q"]

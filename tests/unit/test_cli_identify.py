@@ -82,6 +82,7 @@ def test_text_names_units_and_accuracy(folder, capsys):
     assert "N m/rad" in printed.out and "sd" in printed.out
 
 
+@pytest.mark.slow
 def test_a_model_error_has_exit_status_one_and_no_standard_deviations(folder, capsys):
     """A spring stays at a wrong value."""
     wrong = ["--set", "element.arm1.dof.q1.gear.spring.stiffness=1.5e5", "--fixed", "q1.stiffness,q1.damping"]

@@ -25,6 +25,7 @@ def springs(model: object) -> dict[str, float]:
     return {f"{c.name}.stiffness": c.dof.gear.spring.stiffness for c in coordinates}
 
 
+@pytest.mark.slow
 def test_a_short_experiment_is_refined_in_the_time_domain() -> None:
     model = without_coulomb("planar5_nmp")
     truth = another(model, 3)

@@ -456,6 +456,7 @@ def test_early_torque_has_a_panel_where_it_is_visible():
     assert "torques before the path starts" not in canvas.svg(overview)
 
 
+@pytest.mark.slow
 def test_an_error_after_the_samples_is_explained():
     """A robot that drifts under the held torque: an error that the plot does not show."""
     from flexgen.reports.pictures import _after_the_samples
