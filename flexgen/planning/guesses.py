@@ -17,6 +17,7 @@ from flexgen.mechanics.statics import equilibrium_at
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.paths.time_laws import TimeLaw
+from flexgen.planning.force import PlanForce
 from flexgen.trajectory import Trajectory
 
 POSES = 60
@@ -42,9 +43,10 @@ def from_trajectory(equations: Equations, trajectory: Trajectory, begin: float, 
     return Guess(end - begin, at)
 
 
-def from_inversion(equations: Equations, path: Path) -> Guess:
+def from_inversion(equations: Equations, path: Path, push: PlanForce | None = None) -> Guess:
     """The exact inversion of the move by its default method."""
-    found = solve(equations, path.move, verify=False, ignore_limits=True, progress=False)
+    force = None if push is None else push.along(path)
+    found = solve(equations, path.move, force=force, verify=False, ignore_limits=True, progress=False)
     return from_trajectory(equations, found.trajectory, 0.0, path.duration)
 
 
@@ -95,10 +97,13 @@ def rest_at(equations: Equations, q_a: np.ndarray) -> np.ndarray:
     return np.concatenate([found.q_a, found.q_m[list(equations.model.i_m)]])
 
 
-def ends_of(equations: Equations, path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Equilibria at both ends of a path."""
-    poses = poses_along(equations, path, np.array([0.0, path.duration]))
-    return rest_at(equations, poses[0]), rest_at(equations, poses[1])
+def ends_of(equations: Equations, path: Path, push: PlanForce | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Equilibria at both ends of a path, under the force there."""
+    times = np.array([0.0, path.duration])
+    held = [equations, equations] if push is None else [push.pushing(equations, s) for s in (0.0, 1.0)]
+    first = poses_along(held[0], path, times)
+    last = first if push is None else poses_along(held[1], path, times)
+    return rest_at(held[0], first[0]), rest_at(held[1], last[1])
 
 
 def from_solution(equations: Equations, found: Solution | Trajectory) -> Guess:

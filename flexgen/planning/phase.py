@@ -14,6 +14,7 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.transcription import Transcription
 from flexgen.planning.arguments import numbers_of
+from flexgen.planning.force import PlanForce
 from flexgen.planning.signals import Signals, split_comparison
 from flexgen.spec.arguments import check_not_negative, is_number
 from flexgen.type_checks import checked_class, checked_types
@@ -112,6 +113,7 @@ class Phase:
         self.y_start: np.ndarray | None = None  # at rest there
         self.y_end: np.ndarray | None = None
         self.torque_continuous = False
+        self.push: PlanForce | None = None  # on the tool
         n_m, count = equations.model.n_m, mesh.N + 1
         self._nodes = [ca.MX.sym(f"{x}{suffix}", mesh.n, count) for x in ("y", "dy")]
         self._stages = [ca.MX.sym(f"ddy{suffix}", mesh.n, mesh.N * mesh.s)]
@@ -290,7 +292,12 @@ class Phase:
         q = numbers_of(q_a, text)
         if q.shape != (model.n_a,):
             raise ArgumentError(text)
-        found = hold_joints(self.equations, q[list(model.i_g)], q[list(model.i_e)])
+        equations = self.equations
+        if self.push is not None:
+            last = what == "end_at" and self is self.phases[-1]
+            known = last or (what == "start_at" and self.number == 0)
+            equations = self.push.pushing(equations, float(last) if known else None, what)
+        found = hold_joints(equations, q[list(model.i_g)], q[list(model.i_e)])
         return np.concatenate([found.q_a, found.q_m[list(model.i_m)]])
 
     def _check_scalar(self, value: Expression) -> None:

@@ -38,6 +38,8 @@ from flexgen.paths.path import Path, find_move
 from flexgen.planning import guesses, reference_curve
 from flexgen.planning.arguments import HessianName, check_parameter, check_solve, mesh_nodes
 from flexgen.planning.blocks import Program, check_finite, program
+from flexgen.planning.force import PlanForce, make_plan_force
+from flexgen.planning.model_limits import apply_limits
 from flexgen.planning.nodal import general_part
 from flexgen.planning.obstacles import Obstacle, Sphere, distance_rows
 from flexgen.planning.phase import Phase, check_phase
@@ -92,7 +94,7 @@ class PlanProblem(Phase):
 
     def __init__(
         self, equations: Equations, path: Path, mesh: np.ndarray, table: Tableau, timing: str, limits: Limits | None,
-        model_limits: bool,
+        model_limits: bool, push: PlanForce | None = None,
     ) -> None:  # fmt: skip
         refuse_harmonics(equations.model, "plan_problem")
         self.path, self.timing, self._table = path, timing, table
@@ -103,13 +105,14 @@ class PlanProblem(Phase):
             equations, Transcription(mesh, table, self._n, equations.model.n_m), path.duration, number=0,
             tracked=not with_path, with_path=with_path,
         )  # fmt: skip
-        self.y_start, self.y_end = guesses.ends_of(equations, path)
+        self.push = push
+        self.y_start, self.y_end = guesses.ends_of(equations, path, push)
         self.parameters: list[Parameter] = []
         self._everywhere: list[Callable[[Phase], None]] = []  # what holds in the phases added afterwards as well
         self._periodic = False
         self._warm: NlpResult | None = None
         self._warm_x = np.zeros(0)
-        self._apply_limits(self)
+        apply_limits(self, limits, model_limits)
 
     # --- phases, parameters, path -----------------------------------------------------------------------------------
     def then(self, duration: float, mesh: int | float | Sequence[float] = INTERVALS) -> Phase:
@@ -127,9 +130,9 @@ class PlanProblem(Phase):
         )  # fmt: skip
         phase.phases, phase.unknowns = self.phases, self.unknowns
         phase.y_end, last.y_end = last.y_end, None
-        phase.torque_continuous = self.torque_continuous
+        phase.torque_continuous, phase.push = self.torque_continuous, self.push
         self.phases.append(phase)
-        self._apply_limits(phase)
+        apply_limits(phase, self._limits, self._model_limits)
         for state in self._everywhere:
             state(phase)
         return phase
@@ -224,31 +227,6 @@ class PlanProblem(Phase):
         """Let the motion end in the state in which it starts; both ends become free."""
         self._periodic = True
         self.y_start = self.phases[-1].y_end = None
-
-    def _apply_limits(self, phase: Phase) -> None:
-        """Bounds from the limits of the model file, or those given."""
-        model = self.equations.model
-        given = self._limits or Limits()
-        torque, speed = given.arrays(model.n_m)
-        deflection = given.deflections(model.n_e)
-        if self._model_limits:
-            own = [np.array([getattr(m, x) or np.inf for m in model.motors]) for x in ("torque_max", "speed_max")]
-            torque = torque if given.torque is not None else own[0]
-            speed = speed if given.speed is not None else own[1]
-        for name, size in (("tau_m", torque), ("v_m", speed), ("elastic_deflection", deflection)):
-            if len(size) and np.isfinite(size).any():
-                phase.bound(name, -size, size)
-        if not self._model_limits:
-            return
-        for c in model.coordinates:
-            dof = c.dof
-            if dof is None:
-                continue
-            if dof.lower is not None or dof.upper is not None:
-                phase.bound(f"q_a[{dof.name}]", dof.lower, dof.upper)
-            for name, limit in (("v_a", dof.speed_max), ("a_a", dof.acceleration_max)):
-                if limit is not None:
-                    phase.bound(f"{name}[{dof.name}]", -limit, limit)
 
     # --- solution ---------------------------------------------------------------------------------------------------
     @reported("plan")
@@ -356,10 +334,10 @@ class PlanProblem(Phase):
 
     def _start(self, layout: Layout, guess: str | Solution | Trajectory | None) -> np.ndarray:
         """The unknowns where the search starts."""
-        ends = guesses.ends_of(self.equations, self.path)
+        ends = guesses.ends_of(self.equations, self.path, self.push)
         ends = _or(self.y_start, ends[0]), _or(self.phases[-1].y_end, ends[1])
         free = self.timing == "free"
-        return start_of(layout, self.path, ends, guess, self.parameters, free=free)
+        return start_of(layout, self.path, ends, guess, self.parameters, free=free, push=self.push)
 
     def _rests(self) -> list[Rest]:
         """Positions at rest: phase, end, coordinates, and the path parameter at both ends of the problem."""
@@ -398,7 +376,7 @@ def _or(value: np.ndarray | None, other: np.ndarray) -> np.ndarray:
     return other if value is None else value
 
 
-@checked_types
+@checked_types(own=("force",))
 def plan_problem(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
@@ -407,6 +385,7 @@ def plan_problem(
     scheme: SchemeName = "gauss3",
     timing: TimingName = "given",
     limits: Limits | bool | None = None,
+    force: np.ndarray | Callable[[np.ndarray], np.ndarray] | str | FilePath | None = None,
 ) -> PlanProblem:
     """An optimal control problem of a robot, to which costs, constraints and bounds are added.
 
@@ -426,6 +405,9 @@ def plan_problem(
     limits : Limits or bool, optional
         Bounds of torques, speeds and deflections; default: those of the model file, and those of its joints. False:
         none.
+    force : array (3,) or (n, 3), callable or file, optional [N]
+        Of a process on the tool: constant, or with ``timing="free"`` over the place on the path as `flexgen.fastest`
+        takes it.
 
     Returns
     -------
@@ -457,8 +439,9 @@ def plan_problem(
     if timing == "free":
         reference_curve.path_by_parameter(path)
     given = limits if isinstance(limits, Limits) else None
+    push = None if force is None else make_plan_force(force, equations, timing == "free")
     problem = PlanProblem(
-        equations, path, mesh_nodes(mesh, path.duration), SCHEMES[scheme](), timing, given, limits is not False
+        equations, path, mesh_nodes(mesh, path.duration), SCHEMES[scheme](), timing, given, limits is not False, push
     )
     problem.torque_continuous = scheme == "hermite-simpson"
     return problem

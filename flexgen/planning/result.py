@@ -20,9 +20,11 @@ from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.mechanics.statics import reach
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.nlp import NlpResult
+from flexgen.paths import tool_force
 from flexgen.paths.path import Path
 from flexgen.planning import reference_curve
 from flexgen.planning.blocks import Program
+from flexgen.planning.force import PlanForce
 from flexgen.planning.phase import Phase
 from flexgen.planning.transcribe import Layout
 from flexgen.simulation.hold import command_in
@@ -47,6 +49,7 @@ class Problem(Protocol):
     equations: Equations
     path: Path
     timing: str
+    push: PlanForce | None
 
     @property
     def tracks(self) -> bool:
@@ -119,7 +122,7 @@ def make_solution(
     motion = _join([*parts, end])
     trajectory, tracked = _trajectory(problem, layout, motion)
     between = _join([samples(layout, phase, x, _between(phase, x[layout.theta])) for phase in phases])
-    residual = _residual(equations, between)
+    residual = _residual(equations, between, problem.push)
     command = command_in(trajectory.time, trajectory["tau_m"], trajectory.labels["tau_m"], trajectory.meta)
     total = float(motion.t[-1])
     solution = Solution(
@@ -146,12 +149,14 @@ def _between(phase: Phase, theta: np.ndarray) -> np.ndarray:
     return (np.arange(count) + 0.5) / count
 
 
-def _residual(equations: Equations, at: Samples) -> np.ndarray:
+def _residual(equations: Equations, at: Samples, push: PlanForce | None) -> np.ndarray:
     """Largest residual of each equation of motion (dof,) between the collocation points, by the Lagrangian."""
     n_a, i_m = equations.model.n_a, list(equations.model.i_m)
     motion = [x for part in (at.y, at.dy, at.ddy) for x in (part[:, :n_a], _all_motors(equations, part))]
     q_a, q_m, v_a, v_m, a_a, a_m = motion
-    r_a, r_m = evaluate(equations.function("residual"), q_a, v_a, a_a, q_m, v_m, a_m, at.tau)
+    force = [] if push is None else [push.at(at.y[:, -1])]
+    pushed = equations if push is None else equations.pushed
+    r_a, r_m = evaluate(pushed.function("residual"), q_a, v_a, a_a, q_m, v_m, a_m, at.tau, *force)
     n = len(at.t)
     return np.asarray(np.abs(np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, i_m]])).max(axis=0))
 
@@ -218,6 +223,9 @@ def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Traj
     rows.append(("y_ref", y, output_units(robot), "reference output", labels["y_ref"]))
     if "R_ref" in labels:
         rows.append(("R_ref", R, ("-",) * 9, "reference orientation, rows of the matrix", labels["R_ref"]))
+    if problem.push is not None:
+        doc = "force and torque on the tool, world axes"
+        rows.append((tool_force.CHANNEL, problem.push.at(motion.y[:, -1]), tool_force.UNITS, doc, tool_force.LABELS))
     units = {name: unit for name, _, unit, _, _ in rows}
     meta = {"model": robot.name, "variant": robot.variant, "move": problem.path.move.name, "kind": "plan"}
     torque = {"torque": "limited", POLYNOMIALS: layout.phases[0].mesh.s - 1}

@@ -127,12 +127,15 @@ class Signals(Mapping[str, ca.SX]):
                 yield Signal(name, part[-1], (name,), (unit,), "path parameter, 0 to 1")
 
 
-def residual_of(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.SX) -> ca.SX:
+def residual_of(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.SX, force: ca.SX | None = None) -> ca.SX:
     """Equations of motion (n,) in the coordinates (q_a, q_me): zero where the torques cause the accelerations.
+
+    ``force`` (6,): on the tool.
 
     By the recursion where the robot has one, else by the Lagrangian; both are tested against each other.
     """
     model, n_a = equations.model, equations.model.n_a
+    pushed, pushing = (equations, []) if force is None else (equations.pushed, [force])
     full = []
     for part in (y, dy, ddy):
         motors = ca.SX.zeros(model.n_m)
@@ -142,10 +145,10 @@ def residual_of(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.S
     q_a, q_m, v_a, v_m, a_a, a_m = full
     inverse = fast_function(equations, "inverse_dynamics") if model.motor_coupling == "simplified" else None
     if inverse is None or len(model.i_m) < model.n_m:
-        r_a, r_m = equations.function("residual")(q_a, v_a, a_a, q_m, v_m, a_m, tau)
+        r_a, r_m = pushed.function("residual")(q_a, v_a, a_a, q_m, v_m, a_m, tau, *pushing)
         return ca.vertcat(r_a, *[r_m[j] for j in model.i_m])
     tau_g = equations.function("gear_torque")(q_a, v_a, q_m, v_m)
-    forces = equations.function("arm_forces")(q_a, v_a)
+    forces = pushed.function("arm_forces")(q_a, v_a, *pushing)
     rows = inverse(q_a, v_a, a_a) - forces
     acting = ca.SX.zeros(n_a)
     acting[list(model.i_g)] = tau_g

@@ -11,6 +11,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.paths.path import Path
 from flexgen.planning import guesses
+from flexgen.planning.force import PlanForce
 from flexgen.planning.phase import Phase
 from flexgen.planning.transcribe import Layout
 from flexgen.trajectory import Trajectory
@@ -38,8 +39,9 @@ def start_of(
     parameters: list[Parameter],
     *,
     free: bool,
+    push: PlanForce | None = None,
 ) -> np.ndarray:
-    """The unknowns of a motion; ``free``: the path parameter is one of them.
+    """The unknowns of a motion; ``free``: the path parameter is one of them; ``push``: on the tool.
 
     Raises
     ------
@@ -52,7 +54,7 @@ def start_of(
     elif guess is not None and not isinstance(guess, str):
         raise ArgumentError(f"guess: given {guess!r}, expected 'rest', 'lq', a Solution or a Trajectory")
     elif guess == "lq" or (guess is None and free):
-        found = guesses.from_inversion(equations, path)
+        found = guesses.from_inversion(equations, path, push)
     elif guess is None or guess == "rest":
         found = guesses.between(equations, ends, path.duration, path)
     else:

@@ -160,7 +160,8 @@ def _motion(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> Bl
     """Equations of motion and the integral of the cost at the collocation points."""
     instants, mesh, signals = _Instants(layout, phase, own=True), phase.mesh, phase.signals
     model, n = phase.equations.model, phase.equations.model.dof
-    motion = residual_of(phase.equations, signals.y[:n], signals.dy[:n], signals.ddy[:n], signals.tau)
+    force = [] if phase.push is None else [phase.push.of(signals.y[n] if signals.with_path else None)]
+    motion = residual_of(phase.equations, signals.y[:n], signals.dy[:n], signals.ddy[:n], signals.tau, *force)
     rate = ca.sum1(ca.vertcat(0, *phase.content.costs["path"]))
     rows, rate, squares = instants.of([motion, rate, ca.vertcat(ca.SX(0, 1), *phase.content.squares)])
     interval, stage = np.divmod(np.arange(mesh.N * mesh.s), mesh.s)
