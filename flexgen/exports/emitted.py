@@ -22,7 +22,7 @@ from flexgen.model.elements import RobotModel
 
 ModelLike = str | Path | RobotModel | Equations
 _KEPT = 4  # libraries that are kept, so that several exports of a model emit it once
-_LAST: dict[tuple[str, str], Emitted] = {}
+_LAST: dict[tuple[str, ...], Emitted] = {}
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,9 @@ def resolve(model: ModelLike) -> Equations:
     return model
 
 
-def emit(model: ModelLike, *, precision: PrecisionName = "double", streams: bool = False) -> Emitted:
+def emit(
+    model: ModelLike, *, precision: PrecisionName = "double", streams: bool = False, parts: tuple[str, ...] = ()
+) -> Emitted:
     """The library of a model, in two files.
 
     Parameters
@@ -134,6 +136,8 @@ def emit(model: ModelLike, *, precision: PrecisionName = "double", streams: bool
         ``"double"`` or ``"single"``.
     streams : bool
         True: the model must have inverse dynamics along paths and streams.
+    parts : tuple of str
+        As of `flexgen.generate`.
 
     Raises
     ------
@@ -145,20 +149,22 @@ def emit(model: ModelLike, *, precision: PrecisionName = "double", streams: bool
     equations = resolve(model)
     if streams:
         refuse_without_streams(equations.model)
-    key = (model_digest(equations.model), precision)
+    key = (model_digest(equations.model), precision, *parts)
     found = _LAST.get(key)
     if found is None:
-        found = _generate(equations, precision)
+        found = _generate(equations, precision, parts)
         while len(_LAST) >= _KEPT:
             _LAST.pop(next(iter(_LAST)))
         _LAST[key] = found
     return found
 
 
-def _generate(equations: Equations, precision: PrecisionName) -> Emitted:
+def _generate(equations: Equations, precision: PrecisionName, parts: tuple[str, ...]) -> Emitted:
     """The library, derived and written."""
     with tempfile.TemporaryDirectory(prefix="flexgen-") as folder:
-        made = generate(equations, folder, build=False, precision=precision, amalgamate=True, progress=False)
+        made = generate(
+            equations, folder, build=False, precision=precision, parts=parts, amalgamate=True, progress=False
+        )
         name = library_name(equations.model)
         manifest = json.loads((made.directory / "manifest.json").read_text(encoding="utf-8"))
         header, source = ((made.directory / f"{name}.{end}").read_text(encoding="ascii") for end in "hc")

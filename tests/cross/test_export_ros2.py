@@ -65,10 +65,10 @@ def package(tmp_path_factory):
     return folder
 
 
-def objects_of(package: Path, name: str) -> list[str]:
+def objects_of(package: Path, name: str, parts: tuple[str, ...] = ()) -> list[str]:
     """Object files of a program that drives plugin and controller, without the library."""
     text, ros = (STUBS / "drive.cpp").read_text(encoding="ascii"), f"flexgen_{name}"
-    (package / "drive.cpp").write_text(render(text, name).replace("flexgen_model", ros))
+    (package / "drive.cpp").write_text(render(text, name, parts=parts).replace("flexgen_model", ros))
     sources = (package / "src" / "inverse_dynamics.cpp", package / "src" / "stream_controller.cpp")
     return compiled(package, *sources, package / "drive.cpp", package=ros)
 
@@ -283,6 +283,91 @@ def test_the_test_of_the_package_passes_and_sees_a_wrong_torque(package, driver,
             header.write_text(kept.replace(shifted, torques), encoding="ascii")
 
 
+# --- a force on the tool ----------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory):
+    """The package with the part force, and a library of it."""
+    folder = tmp_path_factory.mktemp("pushed")
+    flexgen.export_ros2(NAME, folder / "ros2", gains=None, parts=["force"])
+    made = flexgen.generate(NAME, folder / "library", parts=["force"], progress=False)
+    return folder / "ros2", flexgen.load(made.directory)
+
+
+WRENCHES = {12: (30.0, -40.0), 20: (10.0, 5.0), 30: (0.0, 60.0)}  # messages: interval, force [N]
+CHANGE = 20  # intervals, 0.1 s
+
+
+def forces_of_messages(n: int) -> np.ndarray:
+    """Force and two derivatives (n, 3, 2) from the messages, by polynomials of numpy."""
+    s, out = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]), np.zeros((n, 3, 2))
+    value, target, waiting, begin = np.zeros(2), np.zeros(2), np.zeros(2), -1
+    for k in range(-1, n):  # the activation takes an interval before the first update
+        waiting = np.array(WRENCHES.get(k, waiting))
+        if (k + 1) % CHANGE == 0:
+            value, target, begin = target, waiting, k
+        for order in range(3 if k >= 0 else 0):
+            rate = s.deriv(order)((k - begin + 1) / CHANGE) / (CHANGE * PERIOD) ** order
+            out[k, order] = (value if order == 0 else 0.0) + (target - value) * rate
+    return out
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize(("chained", "planted"), [(True, False), (False, False), (True, True)])
+def test_the_force_of_samples_and_messages_reaches_the_stream(pushed, tmp_path, chained, planted):
+    """The torques of a stream of Python with the sum of both; planted: the other sign of the messages."""
+    (folder, library), n, package = pushed, 130, tmp_path / "ros2"
+    shutil.copytree(folder, package)
+    if planted:
+        source = package / "src" / "stream_controller.cpp"
+        text = source.read_text(encoding="ascii")
+        assert "force[i] = wrench[row];" in text
+        source.write_text(text.replace("force[i] = wrench[row];", "force[i] = -wrench[row];"), encoding="ascii")
+    objects, program = objects_of(package, NAME, ("FORCE",)), library_object(NAME, parts=("force",))[1]
+    subprocess.run([tool("g++"), *objects, program, "-o", package / "drive"], check=True)
+    samples, t = path_samples(n), PERIOD * np.arange(n)
+    own = np.stack([20.0 * t**3, 60.0 * t**2, 120.0 * t], axis=1)[:, :, None] * np.array([1.0, -2.0])
+    sums, zero, q_a = own + forces_of_messages(n), np.zeros(2), np.append(flexgen.read(NAME).home, 0.0)
+    y0 = output_at(flexgen.derive(NAME), q_a)
+    stream = library.stream(y0, q_a, period=PERIOD, intervals=INTERVALS, samples_per_interval=PARTS, hold="zoh")
+    rest, expected = stream.update(y0, zero, zero).q_m[0].copy(), []
+    rows = [[float(chained), 50.0, float(n * PARTS)], *np.zeros((4, 2)), [1e-3], rest]
+    for k in range(n):
+        stream.set_force(sums[k].ravel())
+        expected.append(stream.update(*(x[k] for x in samples)).tau_m[:PARTS])
+        for part in range(PARTS):
+            wrench = [*WRENCHES.get(k, (0.0, 0.0)), 0.0, 0.0, 0.0, 0.0]
+            rows += [rest, [float(part == 0)], *(x[k] for x in samples), own[k].ravel()]
+            rows += [[float(part == 0 and k in WRENCHES)], wrench]
+    out = drive(package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows]))
+    assert out[-1] == 0  # allocations
+    difference = np.abs(out[:-1].reshape(-1, N_M) - np.concatenate(expected)).max()
+    assert difference > 1.0 if planted else difference < 1e-9
+
+
+def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
+    import yaml
+
+    folder = pushed[0]
+    texts = {p.relative_to(folder).as_posix(): p.read_text("ascii") for p in folder.rglob("*") if p.is_file()}
+    for file, text in texts.items():
+        assert not re.search(r"@[A-Z_]+ ?@|flexgen_model|FLEXGEN_MODEL|\bmodel_|\bMODEL_", text), file
+    config = yaml.safe_load(texts["config/controller.yaml"])["stream_controller"]["ros__parameters"]
+    assert config["wrench_time"] == 0.1
+    needed = {e.text for e in ElementTree.fromstring(texts["package.xml"]).iter("depend")}
+    used = set(re.findall(r"find_package\((\w+) REQUIRED", texts["CMakeLists.txt"]))
+    assert {x for x in used if not x.startswith("ament") and x != "Eigen3"} == needed - {"eigen"}
+    assert "geometry_msgs" in needed and "WRENCH_ROWS = {0, 1}" in texts[f"include/{ROS}/arm.hpp"]
+    for name, options, words in (
+        (NAME, {"parts": ["bvp"]}, "parts: given bvp, expected force"),
+        (NAME, {"parts": ["force"], "controller": False}, "expected force, and a controller"),
+        ("four_mass", {"parts": ["force"]}, "whose output is none of the tool"),
+    ):
+        with pytest.raises(ArgumentError, match=words):
+            flexgen.export_ros2(name, tmp_path / "a", **options)
+    assert not (tmp_path / "a").exists()
+
+
 # --- the files --------------------------------------------------------------------------------------------------------
 def test_the_files_are_well_formed_and_complete(package):
     import yaml
@@ -412,9 +497,10 @@ def test_the_command_line(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_cmake_builds_the_plugin_and_the_controller(package, tmp_path):
+@pytest.mark.parametrize("force", [False, True])
+def test_cmake_builds_the_plugin_and_the_controller(package, pushed, tmp_path, force):
     """With packages of the same names that have only their targets and functions; the library is left out."""
-    cmake = tool("cmake")
+    cmake, package = tool("cmake"), pushed[0] if force else package
     source = tmp_path / "package"
     shutil.copytree(package, source, ignore=shutil.ignore_patterns("*.o", "drive*"))
     (source / "src" / f"{NAME}.c").write_text(f'#include "{NAME}.h"\n', encoding="ascii")

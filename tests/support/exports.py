@@ -28,10 +28,10 @@ def folder() -> Path:
 
 
 @cache
-def library_object(name: str, precision: str = "double") -> tuple[Emitted, Path]:
+def library_object(name: str, precision: str = "double", parts: tuple[str, ...] = ()) -> tuple[Emitted, Path]:
     """The emitted library of a model, and its object file."""
-    library = emit(name, precision=precision)
-    place = folder() / f"{name}-{precision}"
+    library = emit(name, precision=precision, parts=parts)
+    place = folder() / "-".join((name, precision, *parts))
     place.mkdir()
     for file, text in library.texts().items():
         (place / file).write_text(text, encoding="ascii")

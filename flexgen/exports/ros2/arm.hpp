@@ -18,6 +18,11 @@ inline constexpr std::array<const char *, MODEL_NM> MOTORS = {@MOTORS@};
 
 // Torques on the arm at rest at home, from Lagrange's equations [N m, N].
 inline constexpr std::array<double, MODEL_NA> HOME_TORQUES = {@HOME_TORQUES@};
+#if MODEL_FORCE
+
+// Components of the output among those of a force and a torque on the tool.
+inline constexpr std::array<int, MODEL_NY> WRENCH_ROWS = {@WRENCH_ROWS@};
+#endif /* MODEL_FORCE */
 @STREAM@
 } // namespace flexgen_space
 

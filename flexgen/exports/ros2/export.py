@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 
 from flexgen.codegen.c_text import quote
+from flexgen.codegen.template import template, xml_text, yaml_text
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.selftest.golden import output_at
-from flexgen.exports.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import propose_gains
 from flexgen.model.elements import RobotModel
@@ -31,7 +31,9 @@ _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]+@[A-Za-z0-9.-]+\Z")
 _ROS = ("controller_interface", "hardware_interface", "rclcpp_lifecycle", "std_msgs")
 _RESERVED = CPP_KEYWORDS | {"linux", "std", "unix"}  # linux and unix are macros of some compilers
-_NEEDED = frozenset({*_ROS, "controller_manager", "eigen", "inverse_dynamics_interface", "pluginlib", "rclcpp"})
+_NEEDED = frozenset(
+    {*_ROS, "controller_manager", "geometry_msgs", "eigen", "inverse_dynamics_interface", "pluginlib", "rclcpp"}
+)
 
 
 @checked_types(own=("model", "directory", "package"))
@@ -42,6 +44,7 @@ def export_ros2(
     package: str | None = None,
     controller: bool = True,
     gains: Cascade | Literal["proposed", False] | None = "proposed",
+    parts: Sequence[str] = (),
     maintainer: str = "maintainer",
     email: str = "maintainer@example.com",
     license_name: str = "MIT",
@@ -66,6 +69,8 @@ def export_ros2(
     gains : Cascade, "proposed", False or None
         Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``; "proposed": those at
         home; False or None: open, and the controller refuses to start until they are set.
+    parts : sequence of str
+        ``"force"``: the controller takes a known force on the tool, with the samples and from a topic.
     maintainer, email, license_name : str
         For ``package.xml``.
     force : bool
@@ -85,7 +90,9 @@ def export_ros2(
     >>> print(flexgen.export_ros2("elbow", gains=None, maintainer="Ada", email="ada@example.org"))
     exports/flexgen_elbow
     """
-    library = emit(model, streams=controller)
+    if set(parts) - {"force"} or (parts and not controller):
+        raise ArgumentError(f"parts: given {', '.join(parts)}, expected force, and a controller, which takes it")
+    library = emit(model, streams=controller, parts=tuple(dict.fromkeys(parts)))
     refuse_load(library.model, "export_ros2")
     name = library.name
     chosen = _package_name(package, name)
@@ -95,7 +102,7 @@ def export_ros2(
         gains = propose_gains(library.equations) if controller else None
     if gains and not controller:
         raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")
-    words = _words(library, chosen, controller, gains or None)
+    words = _words(library, chosen, controller, gains or None, parts)
     words |= {
         "VERSION": __version__,
         "MODEL": name,
@@ -106,8 +113,8 @@ def export_ros2(
     }
     notes = (OPEN_GAINS,) * (controller and not gains)
     texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
-    for file, path in _files(chosen, controller).items():
-        texts[path] = _render(file, chosen, name, words)
+    for file, path in _files(chosen, controller, bool(parts)).items():
+        texts[path] = _render(file, chosen, name, words, parts)
     return library.write("ros2", directory, texts, force=force, default=chosen, notes=notes)
 
 
@@ -128,7 +135,7 @@ def _package_name(package: str | None, name: str) -> str:
     return chosen
 
 
-def _files(package: str, controller: bool) -> dict[str, str]:
+def _files(package: str, controller: bool, force: bool) -> dict[str, str]:
     """Path in the package by the name of the template."""
     files = {
         "CMakeLists.txt": "CMakeLists.txt",
@@ -147,22 +154,24 @@ def _files(package: str, controller: bool) -> dict[str, str]:
             "stream_controller.launch.in": "launch/stream_controller.launch.py",
             "stream_controller.cpp": "src/stream_controller.cpp",
         }
-        headers = ("cascade.hpp", "sample_queue.hpp", "stream_controller.hpp")
+        headers = ("cascade.hpp", "sample_queue.hpp", "stream_controller.hpp", *["force_ramp.hpp"] * force)
         files |= {header: f"include/{package}/{header}" for header in headers}
     return files
 
 
-def _render(file: str, package: str, name: str, words: Mapping[str, str]) -> str:
+def _render(file: str, package: str, name: str, words: Mapping[str, str], parts: Sequence[str] = ()) -> str:
     """A template with the names of the library, of the package and of its namespace.
 
     The namespace begins with flexgen_, so that a package may be called as a function of C, such as div or signal.
     """
     space = package if package.startswith("flexgen_") else f"flexgen_{package}"
     names = {"flexgen_model": package, "FLEXGEN_MODEL": package.upper(), "flexgen_space": space}
-    return template(PACKAGE, file, name, words, names)
+    return template(PACKAGE, file, name, words, names, [part.upper() for part in parts])
 
 
-def _words(library: Emitted, package: str, controller: bool, gains: Cascade | None) -> dict[str, str]:
+def _words(
+    library: Emitted, package: str, controller: bool, gains: Cascade | None, parts: Sequence[str]
+) -> dict[str, str]:
     """The numbers and names of the templates."""
     model, equations = library.model, library.equations
     home = np.zeros(model.n_a)
@@ -174,6 +183,7 @@ def _words(library: Emitted, package: str, controller: bool, gains: Cascade | No
         "MOTORS": ", ".join(quote(motor.name) for motor in model.motors),
         "HOME_TORQUES": numbers(torques),
         "BRISTLES": _bristles(model),
+        "WRENCH_ROWS": _wrench_rows(model) if parts else "",
         "STREAM": "",
         "DEPENDS": "",
         "CONTROLLER": "",
@@ -199,9 +209,9 @@ inline constexpr double START_TOLERANCE = {tolerance!r};
 """
     return words | {
         "STREAM": stream,
-        "DEPENDS": "".join(f"  <depend>{dependency}</depend>\n" for dependency in _ROS)
+        "DEPENDS": "".join(f"  <depend>{name}</depend>\n" for name in (*_ROS, *["geometry_msgs"] * bool(parts)))
         + "  <exec_depend>controller_manager</exec_depend>\n",
-        "CONTROLLER": _render("controller.cmake", package, library.name, {}),
+        "CONTROLLER": _render("controller.cmake", package, library.name, {}, parts),
         "README_CONTROLLER": f"- `{package}/StreamController`: a chainable controller of ros2_control; its "
         "parameters are in `config/`,\n  `launch/` starts it.\n",
         "RATE": str(round(options.samples_per_interval / options.period)),
@@ -216,6 +226,14 @@ inline constexpr double START_TOLERANCE = {tolerance!r};
         "INTERVALS": str(options.intervals),
         "SAMPLES": str(options.samples_per_interval),
     }
+
+
+def _wrench_rows(model: RobotModel) -> str:
+    """Components of the output among those of a force and a torque on the tool."""
+    if model.output.type == "combination":
+        raise ArgumentError(f"parts: given force for {model.name}, whose output is none of the tool, expected no parts")
+    axes = model.output.axes if model.output.type == "tool_position" else "xyzabc"
+    return ", ".join(str("xyzabc".index(axis)) for axis in axes)
 
 
 def _bristles(model: RobotModel) -> str:

@@ -18,6 +18,9 @@ namespace
 {
 
 constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
+#if MODEL_FORCE
+constexpr std::size_t WRENCHES = 64; // messages between two intervals
+#endif /* MODEL_FORCE */
 
 // A sample that the stream refuses changes nothing in it.
 bool refused(int status)
@@ -52,6 +55,9 @@ controller_interface::CallbackReturn StreamController::on_init()
         auto_declare<double>("tolerance", MODEL_STREAM_TOLERANCE);
         auto_declare<double>("delay", 0.0);
         auto_declare<int>("queue", 1000);
+#if MODEL_FORCE
+        auto_declare<double>("wrench_time", 0.1);
+#endif /* MODEL_FORCE */
     } catch (const std::exception &error) {
         RCLCPP_ERROR(get_node()->get_logger(), "parameters: %s", error.what());
         return controller_interface::CallbackReturn::ERROR;
@@ -135,6 +141,15 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
         RCLCPP_ERROR(logger, "parameter queue: expected at least 1 sample");
         return controller_interface::CallbackReturn::FAILURE;
     }
+#if MODEL_FORCE
+    const double wrench_time = get_node()->get_parameter("wrench_time").as_double();
+    if (!(wrench_time >= options_.period && std::isfinite(wrench_time))) {
+        RCLCPP_ERROR(logger, "parameter wrench_time: given %g s, expected %g s or more, an interval of the stream",
+            wrench_time, options_.period);
+        return controller_interface::CallbackReturn::FAILURE;
+    }
+    ramp_.set_times(wrench_time, options_.period);
+#endif /* MODEL_FORCE */
     memory_.assign(static_cast<std::size_t>(size), 0.0);
     stream_.memory = memory_.data();
     stream_.size = size;
@@ -150,6 +165,18 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
                     message->data.size(), SAMPLE, queue_.room());
             }
         });
+#if MODEL_FORCE
+    wrenches_.resize(WRENCHES);
+    wrench_subscription_ = get_node()->create_subscription<geometry_msgs::msg::WrenchStamped>(
+        "~/wrench", rclcpp::SystemDefaultsQoS(), [this](const geometry_msgs::msg::WrenchStamped::SharedPtr message) {
+            const auto &f = message->wrench.force, &m = message->wrench.torque;
+            if (!push_wrench({f.x, f.y, f.z, m.x, m.y, m.z})) {
+                RCLCPP_WARN(get_node()->get_logger(),
+                    "wrench: expected finite numbers, and zero for what the output does not have: the message is "
+                    "ignored");
+            }
+        });
+#endif /* MODEL_FORCE */
     return controller_interface::CallbackReturn::SUCCESS;
 }
 
@@ -165,6 +192,31 @@ bool StreamController::enqueue(const std::vector<double> &samples)
     return true;
 }
 
+#if MODEL_FORCE
+bool StreamController::push_wrench(const std::array<double, 6> &wrench)
+{
+    std::array<double, MODEL_NY> force{};
+    std::array<double, 6> others = wrench;
+    for (std::size_t i = 0; i < MODEL_NY; ++i) {
+        const auto row = static_cast<std::size_t>(WRENCH_ROWS[i]);
+        force[i] = wrench[row];
+        others[row] = std::isfinite(wrench[row]) ? 0.0 : NOT_A_NUMBER;
+    }
+    return std::all_of(others.begin(), others.end(), [](double entry) { return entry == 0.0; }) &&
+           wrenches_.push(force.data());
+}
+
+// Give the stream the force of the sample that it takes next, that of the topic included.
+void StreamController::give_force(const double *sample)
+{
+    std::array<double, 3 * MODEL_NY> force = pushing_;
+    for (std::size_t i = 0; i < force.size(); ++i) {
+        force[i] += sample[MODEL_NT + 2 * MODEL_NY + i];
+    }
+    (void)model_stream_force(&stream_, force.data()); // finite, and the stream runs
+}
+
+#endif /* MODEL_FORCE */
 controller_interface::InterfaceConfiguration StreamController::command_interface_configuration() const
 {
     controller_interface::InterfaceConfiguration out{
@@ -191,9 +243,15 @@ std::vector<hardware_interface::CommandInterface> StreamController::on_export_re
     std::vector<hardware_interface::CommandInterface> out;
     out.reserve(SAMPLE);
     for (int i = 0; i < SAMPLE; ++i) {
+#if MODEL_FORCE
+        const int order = i < MODEL_NT ? 0 : 1 + (i - MODEL_NT) / MODEL_NY;
+        const int entry = i < MODEL_NT ? i : (i - MODEL_NT) % MODEL_NY;
+        const char *const names[] = {"y_", "dy_", "ddy_", "f_", "df_", "ddf_"};
+#else /* MODEL_FORCE */
         const int order = i < MODEL_NT ? 0 : i < MODEL_NT + MODEL_NY ? 1 : 2;
         const int entry = order == 0 ? i : order == 1 ? i - MODEL_NT : i - MODEL_NT - MODEL_NY;
         const char *const names[] = {"y_", "dy_", "ddy_"};
+#endif /* MODEL_FORCE */
         out.emplace_back(std::string(get_node()->get_name()) + "/output", names[order] + std::to_string(entry),
             &reference_interfaces_[static_cast<std::size_t>(i)]);
     }
@@ -239,6 +297,9 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
     int status = model_stream_start(&stream_, &options_, held_.data(), q_start_.data());
     std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), NOT_A_NUMBER);
     queue_.clear();
+#if MODEL_FORCE
+    ramp_.reset();
+#endif /* MODEL_FORCE */
     if (status == MODEL_OK) {
         status = begin_interval(); // at rest: where the motors should be
     }
@@ -291,15 +352,31 @@ int StreamController::begin_interval()
     motion.tau_m = tau_m_.data();
     double *const sample = reference_interfaces_.data();
     int status = MODEL_BAD_ARGUMENT;
+#if MODEL_FORCE
+    std::array<double, MODEL_NY> wrench{};
+    for (std::size_t k = 0; k < WRENCHES && wrenches_.pop(wrench.data()); ++k) {
+        ramp_.set_next(wrench);
+    }
+    pushing_ = ramp_.step();
+#endif /* MODEL_FORCE */
     if (finite(reference_interfaces_) && reference_interfaces_.size() == SAMPLE) {
+#if MODEL_FORCE
+        give_force(sample);
+#endif /* MODEL_FORCE */
         status =
             model_stream_update(&stream_, sample, sample + MODEL_NT, sample + MODEL_NT + MODEL_NY, &motion, &info_);
         if (!refused(status)) {
             std::copy(sample, sample + MODEL_NT, held_.begin());
+#if MODEL_FORCE
+            std::copy_n(sample + MODEL_NT + 2 * MODEL_NY, MODEL_NY, held_.begin() + MODEL_NT + 2 * MODEL_NY);
+#endif /* MODEL_FORCE */
         }
     }
     if (refused(status)) {
         ++missing_;
+#if MODEL_FORCE
+        give_force(held_.data());
+#endif /* MODEL_FORCE */
         status = model_stream_update(
             &stream_, held_.data(), held_.data() + MODEL_NT, held_.data() + MODEL_NT + MODEL_NY, &motion, &info_);
     }

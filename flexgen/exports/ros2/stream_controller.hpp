@@ -9,11 +9,17 @@
 #include <vector>
 
 #include <controller_interface/chainable_controller_interface.hpp>
+#if MODEL_FORCE
+#include <geometry_msgs/msg/wrench_stamped.hpp>
+#endif /* MODEL_FORCE */
 #include <rclcpp/rclcpp.hpp>
 #include <rclcpp_lifecycle/state.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 
 #include "flexgen_model/cascade.hpp"
+#if MODEL_FORCE
+#include "flexgen_model/force_ramp.hpp"
+#endif /* MODEL_FORCE */
 #include "flexgen_model/model.h"
 #include "flexgen_model/sample_queue.hpp"
 
@@ -25,6 +31,13 @@ namespace flexgen_space
 // takes one sample at its first update: in chained mode from the reference interfaces, else from the topic ~/reference,
 // whose messages have one or more samples. Where there is none, or not all of its numbers are finite, the output stays
 // where it is: end a path at rest.
+#if MODEL_FORCE
+//
+// A sample also has the force on the output, dual to its rates, and its first and second time derivative: f, df, ddf. The
+// topic ~/wrench adds a force and a torque on the tool in world axes, which change within the time wrench_time to those of
+// the last message. The force of a sample and that of the topic act where the output reaches the sample. When the
+// controller is activated they are zero.
+#endif /* MODEL_FORCE */
 //
 // Where update returns an error, and where the controller is deactivated, the efforts are set to 0.
 //
@@ -32,7 +45,11 @@ namespace flexgen_space
 class StreamController : public controller_interface::ChainableControllerInterface
 {
   public:
+#if MODEL_FORCE
+    static constexpr int SAMPLE = MODEL_NT + 5 * MODEL_NY; // numbers of a sample
+#else /* MODEL_FORCE */
     static constexpr int SAMPLE = MODEL_NT + 2 * MODEL_NY; // numbers of a sample
+#endif /* MODEL_FORCE */
 
     controller_interface::InterfaceConfiguration command_interface_configuration() const override;
     controller_interface::InterfaceConfiguration state_interface_configuration() const override;
@@ -46,6 +63,12 @@ class StreamController : public controller_interface::ChainableControllerInterfa
     // Put the samples of a message in the queue: false, and none of them, where the size is wrong or there is no room.
     bool enqueue(const std::vector<double> &samples);
 
+#if MODEL_FORCE
+    // Take a force and a torque on the tool: false where one is not finite, where the output has no such component, or
+    // where there is no room.
+    bool push_wrench(const std::array<double, 6> &wrench);
+
+#endif /* MODEL_FORCE */
     // Of the last interval.
     const model_stream_info &info() const
     {
@@ -65,6 +88,9 @@ class StreamController : public controller_interface::ChainableControllerInterfa
     bool measure();
     bool release_motors();
     int begin_interval();
+#if MODEL_FORCE
+    void give_force(const double *sample);
+#endif /* MODEL_FORCE */
 
     std::vector<std::string> joints_;
     Motors gear_ratio_{}, offset_{}, measured_{};
@@ -82,6 +108,13 @@ class StreamController : public controller_interface::ChainableControllerInterfa
 
     SampleQueue<SAMPLE> queue_;
     rclcpp::Subscription<std_msgs::msg::Float64MultiArray>::SharedPtr subscription_;
+#if MODEL_FORCE
+
+    ForceRamp<MODEL_NY> ramp_;
+    std::array<double, 3 * MODEL_NY> pushing_{}; // of the topic, in this interval
+    SampleQueue<MODEL_NY> wrenches_;
+    rclcpp::Subscription<geometry_msgs::msg::WrenchStamped>::SharedPtr wrench_subscription_;
+#endif /* MODEL_FORCE */
 };
 
 } // namespace flexgen_space

@@ -2,7 +2,8 @@
 //
 //   drive plugin       reads q, v, a, wrench (3 n_a + 6 numbers) per point; writes tau, c, g, f, external, M
 //   drive controller   reads chained, queue, n, gains and torque_max (4 n_m), start tolerance, then per update the
-//                      positions (n_m), whether there is a sample, and the sample; writes the efforts, then the number
+//                      positions (n_m), whether there is a sample, and the sample (with the part force whether there
+//                      is a wrench, and the wrench); writes the efforts, then the number
 //                      of allocations in all updates
 #include <algorithm>
 #include <cmath>
@@ -141,7 +142,11 @@ static int controller()
     auto references = made->export_reference_interfaces();
     if (references.size() != flexgen_model::StreamController::SAMPLE ||
         references.at(0).get_name() != "stream_controller/output/y_0" ||
+#if MODEL_FORCE
+        references.back().get_name() != "stream_controller/output/ddf_" + std::to_string(MODEL_NY - 1)) {
+#else /* MODEL_FORCE */
         references.back().get_name() != "stream_controller/output/ddy_" + std::to_string(MODEL_NY - 1)) {
+#endif /* MODEL_FORCE */
         return 5;
     }
     std::vector<double> positions(MODEL_NM, 0.0), efforts(MODEL_NM, 0.0);
@@ -165,11 +170,24 @@ static int controller()
     const auto at_zero = [&]() {
         return std::all_of(efforts.begin(), efforts.end(), [](double effort) { return effort == 0.0; });
     };
+#if MODEL_FORCE
+    if (stream->push_wrench({0.0, 0.0, 0.0, 1.0, 0.0, 0.0}) || stream->push_wrench({std::nan(""), 0, 0, 0, 0, 0}) ||
+        stream->get_node()->topics.at(1) != "~/wrench") {
+        return 8;
+    }
+#endif /* MODEL_FORCE */
     for (int k = 0; k < updates; ++k) {
         now = vector(MODEL_NM);
         std::copy(now.begin(), now.end(), positions.begin());
         const bool given = next() != 0;
         const auto sample = vector(flexgen_model::StreamController::SAMPLE);
+#if MODEL_FORCE
+        const bool pushed = next() != 0;
+        const auto w = vector(6);
+        if (pushed && !stream->push_wrench({w[0], w[1], w[2], w[3], w[4], w[5]})) {
+            return 14;
+        }
+#endif /* MODEL_FORCE */
         if (given && chained) {
             for (std::size_t i = 0; i < sample.size(); ++i) {
                 *references[i].value() = sample[i];

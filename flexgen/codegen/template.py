@@ -1,4 +1,4 @@
-"""Template files of the exports with names put in.
+"""Template files of exports with names put in.
 
 A template is a real file of its language in which ``model_`` and ``MODEL_`` are replaced by the name of the library, as
 in ``flexgen/clib/``, and words in capitals between two @ for a text. What is put in must be safe where it stands: an
