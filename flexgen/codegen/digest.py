@@ -45,6 +45,7 @@ NEWER = (
     "Sensor.moment_noise",
     "Sensor.gauge",
     "Sensor.offset",
+    "Tolerances.lost_motion",
 )  # left out where empty or of the default: digests from before there were these fields stay
 
 

@@ -81,8 +81,8 @@ def refuse_hysteresis(model: Any, what: str) -> None:
     if names := hysteretic_joints(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
-            "only solve, simulate, control, learn, command_positions, generate, identify_gears and exports other than "
-            "that of MuJoCo take into account; remove the table hysteresis of the gear from the model file"
+            "only solve, simulate, control, learn, predict, command_positions, generate, identify_gears and exports "
+            "other than that of MuJoCo take into account; remove the table hysteresis of the gear from the model file"
         )
 
 

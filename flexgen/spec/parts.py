@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-KINDS = ("stiffness", "damping", "friction", "masses", "motor_inertia")  # whose standard deviations are relative
+# whose standard deviations are relative
+KINDS = ("stiffness", "damping", "friction", "masses", "motor_inertia", "lost_motion")
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Tolerances:
     friction: float = 0.0
     masses: float = 0.0
     motor_inertia: float = 0.0
+    lost_motion: float = 0.0
     payload: float = 0.0
     common: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()

@@ -3,10 +3,11 @@
 With the residual R of the equations of motion of a robot p at the planned motion (zero for the model itself), the
 deviation d of the coordinates follows from its own linearized equations:
 
-    M(t, p) d'' + D(t, p) d' + K(t, p) d = B u - R(t, p),    u = k_s (w + k_i int w dt),  w = -k_p C d - C d'
+    M(t, p) d'' + D(t, p) d' + K(t, p) d = B u - R(t, p) - P' z,    u = k_s (w + k_i int w dt),  w = -k_p C d - C d'
 
 It starts at rest with the motors at the reference: the integral part of the feedback holds what the feedforward lacks.
 R, M, D and K are linear in stiffness, damping, friction and masses, so that the only error is of second order in d.
+z: torques of gears with hysteresis in addition to those of the plan, see `flexgen.uncertainty.gear_states`.
 The equations are integrated by Newmark's method of constant mean acceleration (order 2, no damping of its own).
 
 Source: N. M. Newmark, A method of computation for structural dynamics, J. Eng. Mech. Div. 85, 1959.
@@ -26,11 +27,14 @@ from flexgen.loop.plants import LocalDynamics
 from flexgen.loop.reference import MOTION
 from flexgen.loop.sampled_model import output_jacobian
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.memory.hysteresis import without_hysteresis
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import hysteretic_joints
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.trajectory import Trajectory
-from flexgen.uncertainty.sources import Sources
+from flexgen.uncertainty.gear_states import LinearGears, PlannedGears, RobotGears, plan_gears
+from flexgen.uncertainty.sources import Sources, of_equations
 
 STEPS, FINEST, FEWEST, MOST = 12.0, 1e-3, 200, 1500  # a period of the speed control, least step [s], points
 KNOTS, DENSER = 60, 3.0  # instants at which matrices are evaluated, linear between them; more of them where it moves
@@ -61,6 +65,8 @@ class Along:
         Deflections of springs; ``springs``: their names, ``motors``: those of the motors.
     motion : dict of str to arrays
         The planned motion and its ``deflection``.
+    gears : PlannedGears or None
+        None: without hysteresis.
     """
 
     t: np.ndarray
@@ -78,6 +84,7 @@ class Along:
     springs: tuple[str, ...]
     motors: tuple[str, ...]
     motion: dict[str, np.ndarray]
+    gears: PlannedGears | None
 
 
 @dataclass(frozen=True)
@@ -98,8 +105,10 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     feedback = default_feedback(equations, *(trajectory[name][0] for name in ("q_a", "q_m", "tau_m")))
     step = max(1.0 / (STEPS * max(feedback.frequencies["speed_hz"], 1e-3)), FINEST)
     t = np.linspace(first, last, int(np.clip(np.ceil((last - first) / step), FEWEST, MOST)) + 1)
-    changed = derive(model, [p.name for p in sources.parameters])
     motion = trajectory.at(t)
+    gears = plan_gears(model, sources, motion) if hysteretic_joints(model) else None
+    sources = of_equations(sources, model)
+    changed = derive(without_hysteresis(model), [p.name for p in sources.parameters])
     force = _forces(changed, tuple(motion[name] for name in MOTION), sources)
     knots = _knots(motion["v_a"])
     local, points = LocalDynamics(changed), tuple(motion[name][knots] for name in MOTION)
@@ -115,7 +124,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     M, D, K, B = (between(x) for x in (M, D, K, B))
     all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
     motors = tuple(motor.name for motor in model.motors)
-    return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion)
+    return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion, gears)
 
 
 def _knots(v_a: np.ndarray) -> np.ndarray:
@@ -207,8 +216,9 @@ def _deflection_rows(model: RobotModel) -> tuple[np.ndarray, tuple[str, ...]]:
 def linear_response(along: Along) -> Response:
     """Response to each source alone, to first order: for an error of 1, (k, sources, rows)."""
     parts = along.M, along.D, along.K
+    gears = None if along.gears is None else along.gears.linear()
     return _integrate(
-        along, len(along.force), lambda k: (parts[0][k], parts[1][k], parts[2][k]), lambda k: along.force[:, k]
+        along, len(along.force), lambda k: (parts[0][k], parts[1][k], parts[2][k]), lambda k: along.force[:, k], gears
     )
 
 
@@ -225,11 +235,16 @@ def response(along: Along, errors: np.ndarray) -> Response:
         M, D, K = (x[k] + y + np.tensordot(errors[:, some], z, 1) for x, y, z in zip(parts, own, changes, strict=True))
         return M, D, K
 
-    return _integrate(along, len(errors), matrices, lambda k: errors @ along.force[:, k])
+    gears = None if along.gears is None else along.gears.robots(errors)
+    return _integrate(along, len(errors), matrices, lambda k: errors @ along.force[:, k], gears)
 
 
 def _integrate(
-    along: Along, robots: int, matrices: Callable[[int], Matrices], force: Callable[[int], np.ndarray]
+    along: Along,
+    robots: int,
+    matrices: Callable[[int], Matrices],
+    force: Callable[[int], np.ndarray],
+    gears: RobotGears | LinearGears | None,
 ) -> Response:
     """Integrate the deviations; ``matrices`` (n, n) or (robots, n, n) and ``force`` (robots, n) at an instant."""
     f, h, C = along.feedback, along.t[1] - along.t[0], along.feedback.rows
@@ -240,6 +255,7 @@ def _integrate(
     w = -(d @ (k_p * C).T)
     out = Response(*(np.empty((len(along.t), robots, m)) for m in (along.W.shape[1], n_m, len(along.twist))))
     per_torque = (1.0 + k_i * h / 2) * k_s
+    before = np.zeros((robots, 0)) if along.gears is None else d @ along.gears.rows.T
     for k in range(len(along.t)):
         if k:
             if k % 50 == 0:
@@ -251,8 +267,17 @@ def _integrate(
             u_0 = k_s * (w_0 + k_i * (total + h / 2 * (w + w_0)))
             left = M + h / 2 * D + h * h / 4 * K + along.B[k] @ (per_torque[:, None] * in_w)
             right = u_0 @ along.B[k].T - force(k) - _times(D, v) - _times(K, d)
+            if gears is not None and along.gears is not None:
+                P = along.gears.rows
+                change = d @ P.T - before
+                z = gears.after(k, change)
+                left = left + h * h / 4 * (P.T * gears.tangent(k, z, change)[..., None, :]) @ P
+                right = right - gears.torque(k, z) @ P
             a = np.linalg.solve(left, right.T).T if left.ndim == 2 else np.linalg.solve(left, right[..., None])[..., 0]
             d, v = d + h * h / 4 * a, v + h / 2 * a
+            if gears is not None and along.gears is not None:
+                gears.z = gears.after(k, d @ P.T - before)
+                before = d @ P.T
             w_1 = w_0 - a @ in_w.T
             total, w = total + h / 2 * (w + w_1), w_1
             u = k_s * (w + k_i * total)

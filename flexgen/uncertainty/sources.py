@@ -12,7 +12,7 @@ of standard deviation to mean: it stays positive. A mass that is added to the pa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.plants import FORCES
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import hysteretic_joints
 from flexgen.spec.parts import Tolerances
 
 WEAK = 0.2  # relative standard deviation; a normal number of this one is negative once in 3.5 million
-PAYLOAD = "payload.mass"
+PAYLOAD, LOST = "payload.mass", "lost_motion"
+NONE = -1
 ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
 
 
@@ -35,7 +37,8 @@ class Sources:
     ----------
     names : tuple of str (n,)
     kinds : tuple of str (n,)
-        ``stiffness``, ``damping``, ``friction``, ``masses``, ``motor_inertia``, ``payload`` or ``parameters``.
+        ``stiffness``, ``damping``, ``friction``, ``masses``, ``motor_inertia``, ``lost_motion``, ``payload`` or
+        ``parameters``.
     sd : array (n,)
         Relative standard deviations, of the payload [kg].
     root : array (n, m)
@@ -43,7 +46,7 @@ class Sources:
     parameters : tuple of Parameter (n_p,)
         The numbers of the model.
     owner : array (n_p,)
-        The source of each.
+        The source of each; `NONE`: none.
     """
 
     names: tuple[str, ...]
@@ -83,14 +86,25 @@ class Sources:
     def directions(self) -> np.ndarray:
         """Derivatives of the numbers with respect to the errors of the sources, (n_p, n)."""
         out = np.zeros((len(self.owner), len(self.names)))
-        slopes = np.where(self.added[self.owner], 1.0, self.nominal)
+        slopes = np.where(self.added[self.owner], 1.0, self.nominal) * (self.owner != NONE)
         out[np.arange(len(self.owner)), self.owner] = slopes
         return out
 
     def values(self, errors: np.ndarray) -> np.ndarray:
         """The numbers (..., n_p) of robots with these errors (..., n)."""
-        own, added = errors[..., self.owner], self.added[self.owner]
+        own, added = errors[..., self.owner] * (self.owner != NONE), self.added[self.owner]
         return np.where(added, self.nominal + own, self.nominal * (1.0 + own))
+
+
+def of_equations(sources: Sources, model: RobotModel) -> Sources:
+    """The sources with those of their numbers that equations of motion without hysteresis have.
+
+    Where they have none, the mass of the payload, which no source changes.
+    """
+    kept = [k for k, p in enumerate(sources.parameters) if ".hysteresis." not in p.key]
+    if not kept:
+        return replace(sources, parameters=select(model, [PAYLOAD]), owner=np.array([NONE]))
+    return replace(sources, parameters=tuple(sources.parameters[k] for k in kept), owner=sources.owner[kept])
 
 
 def sources_of(model: RobotModel, given: Tolerances) -> Sources:
@@ -141,7 +155,10 @@ def _kinds(model: RobotModel, given: Tolerances) -> list[tuple[str, float, dict[
     single = {kind: {p.name: [p] for p in _forces(model, kind)} for kind in ("damping", "friction")}
     rotors = {f"{m.name}.inertia": list(select(model, [f"{m.name}.inertia"])) for m in model.motors}
     payload = {PAYLOAD: list(select(model, [PAYLOAD]))}
-    found = {"stiffness": springs, **single, "masses": masses, "motor_inertia": rotors, "payload": payload}
+    lost: dict[str, list[Parameter]] = {}
+    for parameter in select(model, [LOST]) if hysteretic_joints(model) else ():
+        lost.setdefault(f"{parameter.name.partition('.')[0]}.{LOST}", []).append(parameter)
+    found = {"stiffness": springs, **single, "masses": masses, "motor_inertia": rotors, LOST: lost, "payload": payload}
     return [(kind, getattr(given, kind), groups) for kind, groups in found.items()]
 
 

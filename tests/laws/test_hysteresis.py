@@ -183,15 +183,6 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
     told = "whose gear of q1 has hysteresis, expected gears without it"
     calls = {
         "fastest": lambda: flexgen.fastest(model, progress=False),
-        "predict": lambda: flexgen.predict(
-            flexgen.read(
-                "elbow",
-                overrides={
-                    KEY + ".hysteresis": {"lost_motion": 1e-4, "stiffness": 1e6},
-                    "uncertainty": {"stiffness": 0.1},
-                },
-            )
-        ),
         "mujoco": lambda: flexgen.export_mujoco(model, tmp_path / "a.xml"),
         "full": lambda: flexgen.solve(model, method="full", progress=False),
         "limits": lambda: flexgen.solve(model, limits=flexgen.Limits(torque=(1.0,)), method="lq", progress=False),
