@@ -403,7 +403,7 @@ def plan_problem(
         ``"given"``: ``problem.reference`` is the target of the output by the time law of the move. ``"free"``: the path
         parameter ``problem["s"]`` from 0 to 1 is an unknown, and `PlanProblem.follow` keeps the output on the path.
     limits : Limits or bool, optional
-        Bounds of torques, speeds and deflections; default: those of the model file, and those of its joints. False:
+        Bounds of all kinds but effective torques; default: those of the model file, and those of its joints. False:
         none.
     force : array (3,) or (n, 3), callable or file, optional [N]
         Of a process on the tool: constant, or with ``timing="free"`` over the place on the path as `flexgen.fastest`
@@ -443,5 +443,5 @@ def plan_problem(
     problem = PlanProblem(
         equations, path, mesh_nodes(mesh, path.duration), SCHEMES[scheme](), timing, given, limits is not False, push
     )
-    problem.torque_continuous = scheme == "hermite-simpson"
+    problem.torque_continuous |= scheme == "hermite-simpson"
     return problem
