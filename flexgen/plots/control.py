@@ -21,11 +21,16 @@ COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)
 
 @cv.apply_style
 def plot_control(run: ControlRun) -> Figure:
-    """Distance of the output from its reference in time, all robots; below it the motor torques of the model."""
+    """Distance of the output from its reference in time, all robots; below it the motor torques of the model.
+
+    Below them the force of a process, and that of a wall.
+    """
     title = f"{run.model.title}: move {run.solution.move.name} under controller {run.controller}"
-    forces = 0 if run.force is None else 1
-    figure = cv.new_figure(cv.WIDTH, 5.4 + 1.8 * forces, title)
-    top, bottom, *last = figure.subplots(2 + forces, 1, sharex=True, height_ratios=(1.2, 1.0, 0.7)[: 2 + forces])
+    touched = any(r.contact is not None for r in run.runs)
+    more = [_plot_force] * (run.force is not None) + [_plot_contact] * touched
+    figure = cv.new_figure(cv.WIDTH, 5.4 + 1.8 * len(more), title)
+    ratios = (1.2, 1.0, *[0.7] * len(more))
+    top, bottom, *last = figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
     time = run.reference.time
     good = [r for r in run.runs if not r.failure]
     largest = max((float(run.distance(r).max()) for r in good), default=1.0)
@@ -48,10 +53,11 @@ def plot_control(run: ControlRun) -> Figure:
         color = COLORS[j % len(COLORS)]
         bottom.plot(time, run.nominal.tau_m[:, j], color=color, lw=1.0, label=motor.name)
     bottom.set_ylabel("torque of the model, N m")
-    (*last, bottom)[0].set_xlabel("time, s (grey: path)")
+    (bottom, *last)[-1].set_xlabel("time, s (grey: path)")
     bottom.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    for ax in last:
-        _plot_force(ax, run)
+    for ax, draw in zip(last, more, strict=True):
+        draw(ax, run)
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
@@ -64,7 +70,15 @@ def _plot_force(ax: Any, run: ControlRun) -> None:
                 word = label if dashes == cv.DASHES[0] else f"{label}, assumed"
                 ax.plot(run.reference.time, values, color=COLORS[k], ls=dashes, lw=1.0, label=word)
     ax.set_ylabel("force, N" if not run.force[:, 3:].any() else "force, N; moment, N m")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def _plot_contact(ax: Any, run: ControlRun) -> None:
+    """The size of the force of the wall on the tool of each robot."""
+    for k, r in enumerate(run.runs):
+        if r.contact is not None and not r.failure:
+            size = np.linalg.norm(r.contact, axis=1)
+            ax.plot(run.reference.time, size, color=COLORS[k % len(COLORS)], lw=1.0, label=r.name)
+    ax.set_ylabel("force of the wall, N")
 
 
 @cv.apply_style

@@ -144,6 +144,11 @@ def controlled() -> Iterator[tuple[str, Callable[[], Any]]]:
     push = np.outer(np.sin(9 * np.linspace(-0.3, 1.1, 15)), [30.0, 40.0, 0.0, 0.0, 0.0, 2.0])
     pushed = Made(**{**vars(made_run()), "force": push, "assumed_force": 0.8 * push})
     yield "control with a force", functools.partial(control.plot_control, pushed)
+    wall = np.maximum(0.0, np.outer(np.sin(9 * np.linspace(-0.3, 1.1, 15)), [0.0, 0.0, 80.0]))
+    touching = Made(
+        **{**vars(pushed), "runs": [Made(**{**vars(r), "contact": r.size * 1e3 * wall}) for r in pushed.runs]}
+    )
+    yield "control with a force and a wall", functools.partial(control.plot_control, touching)
     yield "loops", functools.partial(control.plot_loops, made_run())
     first, best = (Indexed(**vars(made_run(name))) for name in ("pd", "learned"))
     learned = Made(

@@ -56,7 +56,10 @@ def made_run(name: str = "pd", failure: str = "", plants: int = 3) -> Any:
     """A closed loop of two motors."""
     model = derived("planar5_nmp").model
     time = np.linspace(-0.3, 1.1, 15)
-    runs = [Made(name=f"robot {k}", failure=failure if k == 1 else "", size=2e-4 * (k + 1)) for k in range(plants)]
+    runs = [
+        Made(name=f"robot {k}", failure=failure if k == 1 else "", size=2e-4 * (k + 1), contact=None)
+        for k in range(plants)
+    ]
     loop = Made(
         response=lambda _: Made(
             hz=np.geomspace(0.1, 90, 6),
