@@ -93,7 +93,7 @@ def test_a_link_encoder_makes_stiffness_more_accurate(truth: RobotModel, tmp_pat
     assert sds[1] < 0.9 * sds[0]
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_stated_delay_of_a_link_encoder_is_taken_out(truth: RobotModel, tmp_path: Path) -> None:
     """Its samples are two and a half samples old; unless the model file says so, the residuals are not noise."""
     path = recorded(tmp_path, truth, 1e-4, encoder=True)
