@@ -24,10 +24,17 @@ enum {
     PASSES = 500    /* of Newton's method between two samples, at most */
 };
 
+#if MODEL_CURVED
+enum { COEFFICIENTS = 8, SEARCHES = 60 }; /* of a piece of a curve; steps to the path at a point of it, at most */
+
+#endif /* MODEL_CURVED */
 /* of the last step of Newton's method, relative to 1e-3 rad or m and the deflection: what remains is its square */
 static const real branch_rounding = PRECISE(1e-13, 3e-7);
 /* motion back from which on a gear reverses, and what remains of an instant of reversal, in samples */
 static const real least_return = PRECISE(1e-12, 1e-6), least_part = PRECISE(1e-8, 1e-4);
+#if MODEL_CURVED
+static const real path_rounding = PRECISE(1e-15, 1e-7); /* of the part of a piece */
+#endif                                                  /* MODEL_CURVED */
 
 typedef real gear_lanes[GEARS];
 
@@ -40,6 +47,14 @@ typedef struct {
     gear_lanes x[STAGES], before;               /* deflections of the last step: its stages, and where it began */
     real ahead[STAGES][STAGES + 1];             /* weights of before and x in the next guess */
     int linear, passes;                         /* whether all springs are; passes left in this interval */
+#if MODEL_CURVED
+    /* of elements by another law than Dahl's, which are those with curved = 1: paths on their curves at which they
+     * reversed last; the piece that is kept of each, where it begins and one over its length; how far from its middle
+     * it serves, in parts of it; whether an element of some gear is by Dahl's law */
+    gear_lanes curved[ELEMENTS], start[ELEMENTS], from[ELEMENTS], per[ELEMENTS], reach[ELEMENTS];
+    gear_lanes piece[ELEMENTS][COEFFICIENTS];
+    int dahl[ELEMENTS];
+#endif /* MODEL_CURVED */
 } branches;
 
 /* The torques of all gears between two samples, as coefficients of the part of the interval. */
@@ -74,6 +89,130 @@ static inline void weights_ahead(real (*ahead)[STAGES + 1])
     }
 }
 
+#if MODEL_CURVED
+/* The piece of curve c with the path u: pieces before the dense ones, and behind them, have one length each. */
+static inline int piece_with(int c, real u)
+{
+    const int begin = curve_part[c][0], end = curve_part[c + 1][0];
+    int low = curve_part[c][1], high = curve_part[c][2];
+    if (u >= curve_piece[high][0]) {
+        const real along = (u - curve_piece[high][0]) * curve_piece[high][1];
+        return along < (real)(end - high) ? high + (int)along : end - 1;
+    }
+    if (u < curve_piece[low][0]) {
+        const real along = (curve_piece[low][0] - u) * curve_piece[low - 1][1];
+        return along < (real)(low - begin) ? low - 1 - (int)along : begin;
+    }
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (u < curve_piece[middle][0]) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    return low;
+}
+
+/* The part of the slip torque at t, the part of a piece, and how it rises with t. */
+MODEL_INLINE real on_piece(const real *piece, real t, real *rise)
+{
+    const real *c = piece + 2, tt = t * t, tttt = tt * tt;
+    *rise = (c[1] + 2.0 * c[2] * t) + tt * (3.0 * c[3] + 4.0 * c[4] * t) +
+            tttt * ((5.0 * c[5] + 6.0 * c[6] * t) + tt * (7.0 * c[7]));
+    return ((c[0] + c[1] * t) + tt * (c[2] + c[3] * t)) + tttt * ((c[4] + c[5] * t) + tt * (c[6] + c[7] * t));
+}
+
+/* The part of the slip torque after the path u on curve c, and how it rises with it. */
+MODEL_INLINE real on_curve(int c, real u, real *rise)
+{
+    const int at = piece_with(c, u);
+    const real t = fmax_1((u - curve_piece[at][0]) * curve_piece[at][1], 0.0);
+    real y;
+    if (at + 1 == curve_part[c + 1][0] && t >= 1.0) {
+        *rise = 0.0;
+        return 1.0;
+    }
+    y = on_piece(curve_piece[at], t, rise);
+    *rise *= curve_piece[at][1];
+    return y;
+}
+
+/* The path on curve c at the part y of the slip torque. */
+static inline real path_at(int c, real y)
+{
+    int at = curve_part[c][0], end = curve_part[c + 1][0];
+    real from = 0.0, to = 1.0, t = 0.5, moved = 1.0;
+    while (end - at > 1) {
+        const int middle = (at + end) / 2;
+        if (curve_piece[middle][2] <= y) {
+            at = middle;
+        } else {
+            end = middle;
+        }
+    }
+    for (int step = 0; step < SEARCHES && moved > path_rounding; ++step) {
+        real rise, next;
+        const real off = on_piece(curve_piece[at], t, &rise) - y;
+        if (off < 0.0) {
+            from = t;
+        } else {
+            to = t;
+        }
+        next = t - off / rise;
+        if (!(next > from && next < to)) {
+            next = 0.5 * (from + to);
+        }
+        moved = fabs_1(next - t);
+        t = next;
+    }
+    return curve_piece[at][0] + t / curve_piece[at][1];
+}
+
+/* Keep the piece of element e of gear i with the path u: outside of it by half of its length it is as exact. */
+static inline void keep_piece(branches *b, int e, int i, real u)
+{
+    const int c = hysteresis_curve[e][i], at = piece_with(c, u);
+    const real *p = curve_piece[at];
+    const int is_end = at + 1 == curve_part[c + 1][0] && (u - p[0]) * p[1] >= 1.0;
+    const int is_dense = at >= curve_part[c][1] && at < curve_part[c][2];
+    b->from[e][i] = is_end ? p[0] + 1.0 / p[1] : p[0];
+    b->per[e][i] = is_end ? 1.0 : p[1];
+    b->reach[e][i] = is_dense ? 0.5 : 1.0;
+    for (int power = 0; power < COEFFICIENTS; ++power) {
+        b->piece[e][power][i] = !is_end ? p[2 + power] : power == 0 ? 1.0 : 0.0;
+    }
+}
+
+/* Keep the pieces with the guesses x. */
+static inline void keep_pieces(branches *b, const real *x)
+{
+    for (int e = 0; e < ELEMENTS; ++e) {
+        for (int i = 0; i < NG; ++i) {
+            if (b->curved[e][i] > 0.0) {
+                const real passed = b->s[i] * b->steep[e][i] * (x[i] - b->p_r[i]);
+                const real u = b->start[e][i] + fmax_1(passed, 0.0);
+                if (!(fabs_1((u - b->from[e][i]) * b->per[e][i] - 0.5) <= 0.5)) {
+                    keep_piece(b, e, i, u);
+                }
+            }
+        }
+    }
+}
+
+/* Where gear i is on its curves, from its last reversal. */
+static inline void restart_curves(branches *b, int i)
+{
+    for (int e = 0; e < ELEMENTS && i < NG; ++e) {
+        b->start[e][i] = 0.0;
+        if (b->curved[e][i] > 0.0 && b->z_r[e][i] != 0.0) {
+            const real y = b->s[i] * b->z_r[e][i] / b->slip[e][i];
+            b->start[e][i] = path_at(hysteresis_curve[e][i], fmin_1(fmax_1(y, -1.0), 1.0));
+        }
+    }
+}
+
+#endif /* MODEL_CURVED */
 /* Gears at rest with the deflections p and without torques of hysteresis; 0 where a number is not finite. */
 static inline int begin_branches(branches *b, real period, const real *p, real *space)
 {
@@ -99,7 +238,19 @@ static inline int begin_branches(branches *b, real period, const real *p, real *
             b->z_r[e][i] = 0.0;
             b->slip[e][i] = elastic ? hysteresis_slip[e][k] : 0.0;
             b->steep[e][i] = b->slip[e][i] > 0.0 ? hysteresis_stiffness[e][k] / b->slip[e][i] : 0.0;
+#if MODEL_CURVED
+            b->curved[e][i] = b->slip[e][i] > 0.0 && hysteresis_curve[e][k] >= 0 ? 1.0 : 0.0;
+            b->dahl[e] = (i > 0 && b->dahl[e]) || (b->slip[e][i] > 0.0 && !(b->curved[e][i] > 0.0));
+            b->start[e][i] = b->reach[e][i] = 0.0;
+            b->from[e][i] = -1e6; /* none is kept */
+            b->per[e][i] = 1.0;
+            for (int power = 0; power < COEFFICIENTS; ++power) {
+                b->piece[e][power][i] = 0.0;
+            }
+            b->bend[i] = fmax_1(b->bend[i], hysteresis_bend[e][k] * b->steep[e][i]);
+#else  /* MODEL_CURVED */
             b->bend[i] = b->steep[e][i] > b->bend[i] ? b->steep[e][i] : b->bend[i];
+#endif /* MODEL_CURVED */
         }
         b->bend[i] += elastic && !gear_is_linear[k] ? 1e6 : 0.0;
         b->linear = b->linear && (!elastic || gear_is_linear[k]);
@@ -107,8 +258,13 @@ static inline int begin_branches(branches *b, real period, const real *p, real *
     return 1;
 }
 
+#if MODEL_CURVED
+/* The same by Dahl's law. */
+MODEL_INLINE lanes dahl_torque(const branches *b, int e, int i, const lanes x, lanes *rise)
+#else  /* MODEL_CURVED */
 /* Torques z of element e at the deflections x, lanes from i on, and how they rise. */
 MODEL_INLINE lanes element_torque(const branches *b, int e, int i, const lanes x, lanes *rise)
+#endif /* MODEL_CURVED */
 {
     const lanes s = load_v(b->s + i), slip = load_v(b->slip[e] + i), z_r = load_v(b->z_r[e] + i);
     const lanes end = s * slip, steep = load_v(b->steep[e] + i);
@@ -119,6 +275,57 @@ MODEL_INLINE lanes element_torque(const branches *b, int e, int i, const lanes x
     return end + (z_r - end) * fade * (1.0 - fmin_v(passed, zero));
 }
 
+#if MODEL_CURVED
+/* The part of the slip torque at t of the pieces that are kept, lanes from i on, and how it rises with t. */
+MODEL_INLINE lanes on_kept_pieces(const branches *b, int e, int i, const lanes t, lanes *rise)
+{
+    const lanes tt = t * t, tttt = tt * tt;
+    lanes c[COEFFICIENTS];
+    for (int k = 0; k < COEFFICIENTS; ++k) {
+        c[k] = load_v(b->piece[e][k] + i);
+    }
+    *rise = (c[1] + 2.0 * c[2] * t) + tt * (3.0 * c[3] + 4.0 * c[4] * t) +
+            tttt * ((5.0 * c[5] + 6.0 * c[6] * t) + tt * (7.0 * c[7]));
+    return ((c[0] + c[1] * t) + tt * (c[2] + c[3] * t)) + tttt * ((c[4] + c[5] * t) + tt * (c[6] + c[7] * t));
+}
+
+/* Torques z of element e at the deflections x, lanes from i on, and how they rise. */
+MODEL_INLINE lanes element_torque(const branches *b, int e, int i, const lanes x, lanes *rise)
+{
+    const lanes s = load_v(b->s + i), slip = load_v(b->slip[e] + i), steep = load_v(b->steep[e] + i);
+    const lanes passed = s * steep * (x - load_v(b->p_r + i)), zero = splat_v(0.0);
+    const lanes u = load_v(b->start[e] + i) + fmax_v(passed, zero), curved = load_v(b->curved[e] + i);
+    const lanes per = load_v(b->per[e] + i), t = (u - load_v(b->from[e] + i)) * per;
+    const lanes off = curved * not_v(le_v(fabs_v(t - 0.5), load_v(b->reach[e] + i)));
+    lanes z, slope, y = on_kept_pieces(b, e, i, t, &slope);
+    slope *= per;
+    if (sum_v(off) > 0.0) {
+        real path[LANES], part[LANES], rises[LANES], outside[LANES];
+        store_v(outside, off);
+        store_v(path, u);
+        store_v(part, y);
+        store_v(rises, slope);
+        for (int l = 0; l < LANES && i + l < NG; ++l) {
+            if (outside[l] > 0.0) {
+                part[l] = on_curve(hysteresis_curve[e][i + l], path[l], rises + l);
+            }
+        }
+        y = load_v(part);
+        slope = load_v(rises);
+    }
+    /* Newton's method may try a deflection behind the reversal: there the branch is its tangent */
+    z = s * slip * (y + slope * fmin_v(passed, zero));
+    *rise = steep * slip * slope;
+    if (b->dahl[e]) {
+        lanes other_rise;
+        const lanes other = dahl_torque(b, e, i, x, &other_rise);
+        z = select_v(curved, z, other);
+        *rise = select_v(curved, *rise, other_rise);
+    }
+    return z;
+}
+
+#endif /* MODEL_CURVED */
 /* The same of all elements. */
 MODEL_INLINE lanes branch_torque(const branches *b, int i, const lanes x, lanes *rise)
 {
@@ -160,6 +367,9 @@ static inline int along_branches(
 {
     gear_lanes torque[STAGES], value[STAGES], slope[STAGES], off;
     int missed = 1;
+#if MODEL_CURVED
+    keep_pieces(b, m->x[1]);
+#endif /* MODEL_CURVED */
     for (int i = 0; i < GEARS; i += LANES) {
         const lanes from = load_v(begin + i), size = load_v(finish + i) - from;
         for (int k = 0; k < STAGES; ++k) {
@@ -357,6 +567,13 @@ static inline int advance_branches(branches *b, const quintics *q, real *space)
             store_v(b->p + i, select_v(is, end, load_v(b->p + i)));
             store_v(begin + i, select_v(is, load_v(at + i), load_v(begin + i)));
         }
+#if MODEL_CURVED
+        for (int i = 0; i < NG; ++i) {
+            if (turned[i] > 0.0) {
+                restart_curves(b, i);
+            }
+        }
+#endif /* MODEL_CURVED */
     }
     return 0;
 }
@@ -409,6 +626,11 @@ static inline void take_branches(branches *b, const real *x)
     for (int e = 0; e < ELEMENTS; ++e) {
         copy(x + (3 + e) * NG, NG, b->z_r[e]);
     }
+#if MODEL_CURVED
+    for (int i = 0; i < NG; ++i) {
+        restart_curves(b, i);
+    }
+#endif /* MODEL_CURVED */
 }
 
 /*

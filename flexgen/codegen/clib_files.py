@@ -18,6 +18,7 @@ from flexgen.codegen.constants_header import (
     count_elements,
     has_positions,
     is_bristled,
+    is_curved,
     is_harmonic,
     is_loaded,
     space_of,
@@ -41,7 +42,7 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
-_PARTS = "FORCE|HYSTERESIS|HARMONICS|LIMITS|LOAD|LUGRE|MEMORY|POSITION"
+_PARTS = "CURVED|FORCE|HYSTERESIS|HARMONICS|LIMITS|LOAD|LUGRE|MEMORY|POSITION"
 _SECTION = re.compile(
     rf"^#if MODEL_({_PARTS})\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
     r"^#endif +/\* MODEL_\1 \*/\n",
@@ -69,10 +70,10 @@ def keep_parts(text: str, parts: Collection[str]) -> str:
 def render(text: str, name: str, precision: str = "double", parts: Collection[str] = ()) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
-    ``parts``: ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``LOAD``, ``LUGRE``, ``POSITION`` where it has the parts for
-    forces on the output, for gears with hysteresis, for Fourier sums of motor angles, for frictions with a load, for
-    those with a state, for positions to send, which other libraries do not have; in files of exports ``LIMITS`` for
-    limits of streams, ``MEMORY`` for torques with states.
+    ``parts``: ``CURVED``, ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``LOAD``, ``LUGRE``, ``POSITION`` where it has the
+    parts for hysteresis by another law than Dahl's, for forces on the output, for gears with hysteresis, for Fourier
+    sums of motor angles, for frictions with a load, for those with a state, for positions to send, which other
+    libraries do not have; in files of exports ``LIMITS`` for limits of streams, ``MEMORY`` for torques with states.
     """
     text = keep_parts(text, parts)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
@@ -110,6 +111,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         return {}
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
     has = {
+        "CURVED": is_curved(spec),
         "FORCE": spec.force,
         "HYSTERESIS": count_elements(spec) > 0,
         "HARMONICS": is_harmonic(spec),
@@ -199,8 +201,8 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
     sizes = {**spec.sizes, "n_t": n_t + more}
-    has = count_elements(spec), has_positions(spec), is_bristled(spec)
-    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, *has)
+    has = count_elements(spec), has_positions(spec), is_bristled(spec), is_curved(spec)
+    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, *has[:3])
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
@@ -313,6 +315,7 @@ def stack_bytes(spec: LibrarySpec) -> int:
     servo = has_positions(spec) * (11 * n_g + 3)
     elements = count_elements(spec)  # of gears with hysteresis: arrays of lanes
     branches = (elements > 0) * (80 * (n_g + 8) + 16 * n_g) + 3 * max(0, elements - 1) * (n_g + 8)
+    branches += is_curved(spec) * (elements * (n_g + 8) + 60)
     waves = is_harmonic(spec) * 160 * spec.sizes["n_m"]  # of motors with Fourier sums: motion and factors, in points
     bristles = is_bristled(spec) * (10 * spec.sizes["n_m"] + 80)
     return -(-(8 * (at_rest + zeros + branches + waves + bristles + servo) + 10_000) // 1024) * 1024

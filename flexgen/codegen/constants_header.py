@@ -17,6 +17,11 @@ def count_elements(spec: LibrarySpec) -> int:
     return 0 if spec.motor_constants is None else sum(map(any, spec.motor_constants.hysteresis_slip))
 
 
+def is_curved(spec: LibrarySpec) -> bool:
+    """Whether the library inverts a model with an element of hysteresis by another law than Dahl's."""
+    return spec.motor_constants is not None and bool(spec.motor_constants.curves)
+
+
 def is_harmonic(spec: LibrarySpec) -> bool:
     """Whether the library inverts a model with Fourier sums of motor angles."""
     return any(f.name == "motor_harmonics" for f in spec.functions)
@@ -41,6 +46,28 @@ def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequ
     """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
     used = (f for f in spec.functions if f.name in names)
     return max(max(works(f, written[f.name], spec.precision)) for f in used)
+
+
+def _curves(constants: MotorConstants, ng: str, join: Callable[[Sequence[float]], str]) -> str:
+    """The curves of elements by another law than Dahl's, see `flexgen.memory.hysteresis_law.Curve.table`."""
+    index = ", ".join("{" + ", ".join(map(str, row)) + "}" for row in constants.hysteresis_curve)
+    bend = ", ".join(map(join, constants.hysteresis_bend))
+    parts, rows, first = [], [], 0
+    for part, table in constants.curves:
+        parts.append(f"{{{', '.join(str(first + k) for k in part)}}}")
+        rows += [f"    {join(row)}" for row in table]
+        first += len(table)
+    parts.append(f"{{{first}, {first}, {first}}}")
+    body = ",\n".join(rows)
+    return f"""\
+static const int hysteresis_curve[ELEMENTS][{ng}] = {{{index}}}; /* -1: Dahl's law */
+static const real hysteresis_bend[ELEMENTS][{ng}] = {{{bend}}}; /* second derivative of a curve, at most */
+/* rows of curve_piece at which a curve, its dense pieces, and those behind them begin */
+static const int curve_part[{len(constants.curves) + 1}][3] = {{{", ".join(parts)}}};
+/* path at which a piece begins, one over its length, coefficients of powers of the part of it */
+static const real curve_piece[{first}][10] = {{
+{body}}};
+"""
 
 
 def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapping[str, FunctionText]) -> str:
@@ -71,6 +98,7 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         ):
             body = ", ".join(map(join, layers))
             text += f"static const real hysteresis_{name}[ELEMENTS][{ng}] = {{{body}}}; /* {note} */\n"
+        text += _curves(constants, ng, join) if is_curved(spec) else ""
     if is_bristled(spec):
         for name, values in constants.lugre.items():
             note = " /* 0: none */" * (name == "coulomb")

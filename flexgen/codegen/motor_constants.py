@@ -33,6 +33,10 @@ class MotorConstants:
     gear_is_rigid, gear_is_linear : tuple of bool
     hysteresis_stiffness, hysteresis_slip : tuple of tuple of float
         ``K_h`` and ``W`` of the layers of `flexgen.memory.hysteresis`, arm side; zero for gears without an element.
+    hysteresis_curve, hysteresis_bend : tuple of tuple
+        The curve of each element, -1 for those by Dahl's law, and the largest second derivative of it.
+    curves : tuple of tuple
+        Of each curve `flexgen.memory.hysteresis_law.Curve.table`: where its parts begin, and the rows.
     lugre : dict of str to tuple of float
         Numbers of `flexgen.memory.lugre.MotorBristles` by their names; empty where no motor has any.
     arm_side : tuple of float
@@ -55,6 +59,9 @@ class MotorConstants:
     gear_is_linear: tuple[bool, ...]
     hysteresis_stiffness: tuple[tuple[float, ...], ...]
     hysteresis_slip: tuple[tuple[float, ...], ...]
+    hysteresis_curve: tuple[tuple[int, ...], ...]
+    hysteresis_bend: tuple[tuple[float, ...], ...]
+    curves: tuple[tuple[tuple[int, ...], tuple[tuple[float, ...], ...]], ...]
     lugre: dict[str, tuple[float, ...]]
     arm_side: tuple[float, ...]
     servo: ServoTable | None
@@ -87,13 +94,16 @@ def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
 def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants:
     """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C has its inverse."""
     from flexgen.mechanics.lagrangian import gears
-    from flexgen.memory.hysteresis import gear_layers, refuse_curved  # here, as these need CasADi
+    from flexgen.memory.hysteresis import gear_layers  # here, as these need CasADi
+    from flexgen.memory.hysteresis_law import curve_of
 
     def rows(A: Iterable[np.ndarray]) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(float(x) for x in row) for row in A)
 
-    refuse_curved(model, "library with invert, bvp or streams")
     made, layers = gears(model), gear_layers(model)
+    laws = sorted({(layer.exponent[k], layer.gamma[k]) for layer in layers for k in layer.curved})
+    numbers = {law: k for k, law in enumerate(laws)}
+    pairs = [list(zip(layer.exponent, layer.gamma, strict=True)) for layer in layers]
     return MotorConstants(
         i_g=model.i_g,
         i_e=model.i_e,
@@ -107,6 +117,9 @@ def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants
         gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
         hysteresis_stiffness=rows([layer.stiffness for layer in layers]),
         hysteresis_slip=rows([layer.slip for layer in layers]),
+        hysteresis_curve=tuple(tuple(numbers.get(law, -1) for law in layer) for layer in pairs),
+        hysteresis_bend=rows([layer.bend for layer in layers]),
+        curves=tuple((part, rows(table)) for part, table in (curve_of(*law).table() for law in laws)),
         lugre=_lugre(model),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,

@@ -111,6 +111,7 @@ def stream_operations(
     elements: int = 0,
     position: bool = False,
     bristles: bool = False,
+    curved: bool = False,
 ) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
 
@@ -134,6 +135,8 @@ def stream_operations(
             BRANCH_PASSES * (3 * operations["gear_law"] + (3 * elements * (CALL + 30) + 110) * lanes)
             + LOCATIONS * 80 * lanes
         )
+        if curved:  # a piece and its polynomial for each element; the path at each reversal
+            radau += elements * n_g * (BRANCH_PASSES * 3 * 60 + 9 * 60 * 40)
 
     ahead = AHEAD + MARGIN * bristles
     # the window of samples around the interval, in groups of points; a guess that fails is made again

@@ -92,7 +92,7 @@ def identify_gears(
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
     robot = robot_of(model)
     refuse_harmonics(robot, "identify_gears")
-    refuse_curved(robot, "identify_gears", most=1)
+    refuse_curved(robot, "identify_gears")
     record = record if isinstance(record, Trajectory) else Trajectory.load(record)
     signals = signals_of(record, robot.n_m, band_hz)
     chosen = _choose(robot, joints)

@@ -54,6 +54,11 @@ class Layer(GearHysteresis):
         """The gears whose element has another law than Dahl's."""
         return [k for k, pair in enumerate(zip(self.exponent, self.gamma, strict=True)) if not is_dahl(*pair)]
 
+    @property
+    def bend(self) -> np.ndarray:
+        """Bounds of the second derivatives of the curves, (n_g,)."""
+        return np.asarray(self.exponent * (np.abs(self.gamma) + 1.0 - self.gamma))
+
     def rates(self, rate: ca.SX, z: ca.SX, slip: ca.SX | np.ndarray) -> ca.SX:
         """Rates of the torques ``z`` over K_h (n_g,), for rates of deflection; ``slip``: W in the units of z."""
         numbers = zip(self.exponent, self.gamma, strict=True)
@@ -116,17 +121,17 @@ def gear_hysteresis(model: RobotModel) -> GearHysteresis:
     return GearHysteresis(*(np.sum([getattr(x, name) for x in layers], axis=0) for name in ("stiffness", "slip")))
 
 
-def refuse_curved(model: RobotModel, what: str, most: int = 0) -> None:
-    """ArgumentError where an element has another law than Dahl's, or a gear more than ``most``: not in ``what``."""
+def refuse_curved(model: RobotModel, what: str) -> None:
+    """ArgumentError where an element has another law than Dahl's, or a gear more than one: not in ``what``."""
     for coordinate in model.coordinates:
         gear = None if coordinate.dof is None else coordinate.dof.gear
         elements = () if gear is None else elements_of(gear.hysteresis)
-        several = most > 0 and len(elements) > most
+        several = len(elements) > 1
         if several or not all(is_dahl(x.exponent, x.gamma) for x in elements):
             given = f"{len(elements)} elements" if several else "exponent or gamma"
             raise ArgumentError(
                 f"{what}: given {model.title}, whose gear of {coordinate.name} has a hysteresis with {given}, expected "
-                f"{'one element' if most else 'elements'} without exponent and gamma"
+                "one element without exponent and gamma"
             )
 
 

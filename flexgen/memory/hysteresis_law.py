@@ -21,6 +21,7 @@ from scipy.interpolate import PPoly
 KNOTS, DEGREE, DENSE = 12, 7, 20.0  # of a curve: pieces in a unit over n, degree, halvings where powers are not smooth
 SLID = 40.0  # time constants with which y comes to 1, at the end of a curve
 PICARD, NEWTON = 40, 60  # iterations
+REACHED = 1e-13  # of y = 1, where curves in C end
 
 
 def is_dahl(exponent: float, gamma: float) -> bool:
@@ -62,6 +63,25 @@ class Curve:
     def slope(self, y: np.ndarray) -> np.ndarray:
         """dy/du."""
         return element_slope(y, self.exponent, self.gamma)
+
+    def table(self) -> tuple[tuple[int, int, int], np.ndarray]:
+        """The pieces until y is 1 within `REACHED`, for C.
+
+        Returns
+        -------
+        parts : tuple of int
+            Rows at which the pieces begin, those that are dense about y = 0, and those behind them; before and behind
+            the dense ones they have one length each.
+        rows : array (n, 10)
+            Path at which a piece begins, one over its length, coefficients of powers of the part of it, from 1 on.
+        """
+        x, width = self.pieces.x[:-1], np.diff(self.pieces.x)
+        zero = int(np.flatnonzero(x == 0.0)[0])
+        late = zero + int(DENSE) + 1
+        count = late + int(np.searchsorted(self.pieces(x[late:]), 1.0 - REACHED)) + 1
+        powers = self.pieces.c[::-1] * width ** np.arange(DEGREE + 1)[:, None]
+        rows = np.column_stack([x, 1.0 / width, powers.T])[:count]
+        return (0, zero - int(DENSE) - 1, late), rows
 
     def path(self, y: np.ndarray) -> np.ndarray:
         """The u with y(u) = y, by Newton's method within the bounds of a piece; y in [-1, 1]."""

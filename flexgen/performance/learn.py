@@ -44,7 +44,6 @@ from flexgen.loop.plants import LocalDynamics
 from flexgen.loop.reference import motion_reference, time_grid, trajectory_of
 from flexgen.loop.result import ControlRun, output_errors
 from flexgen.mechanics.equations import Equations, derive, robot_of
-from flexgen.memory.hysteresis import refuse_curved
 from flexgen.model.elements import Move, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
@@ -372,7 +371,6 @@ class _Commanded:
     """Corrected paths of a move and their feedforward."""
 
     def __init__(self, case: Case, sample_s: float, delay_s: float, tell: Callable[[str], None]) -> None:
-        refuse_curved(case.model, "learn")
         self._case, self.sample_s, self.delay_s = case, sample_s, delay_s
         self.equations, self.outputs = case.equations, case.model.output.size
         self.path = Path(self.equations, case.solution.move)

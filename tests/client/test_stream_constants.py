@@ -11,7 +11,7 @@ import pytest
 from bristled import bristled
 from counted import counting_program
 from emitted import _folder, run
-from hysteretic import SLIPS, with_elements
+from hysteretic import BENT, SLIPS, with_elements
 from toolchain import CC, needs_compiler, tool
 
 from flexgen.analysis.analyze import analyze
@@ -36,7 +36,7 @@ TORQUE = (
 GRID = [(1, 1), (1, 7), (2, 3), (10, 5), (11, 6), (37, 1), (100, 20), (513, 2), (10_000, 1_000)]
 
 
-BRISTLED, HYSTERETIC = "bristled_elbow", "hysteretic_elbow"
+BRISTLED, HYSTERETIC, CURVED = "bristled_elbow", "hysteretic_elbow", "curved_elbow"
 
 
 @cache
@@ -45,6 +45,8 @@ def equations(name: str) -> Equations:
         return derive(replace(bristled("elbow", {"m1": {"coulomb": 0.5, "stiffness": 800.0}}), name=BRISTLED))
     if name == HYSTERETIC:
         return derive(replace(with_elements("elbow", SLIPS), name=HYSTERETIC))
+    if name == CURVED:
+        return derive(replace(with_elements("elbow", BENT), name=CURVED))
     return derive(name)
 
 
@@ -98,6 +100,7 @@ def test_no_recommendation_at_a_singular_pose():
         ("elbow", "double"),
         (BRISTLED, "double"),
         (HYSTERETIC, "double"),
+        (CURVED, "double"),
         ("planar5_nmp", "double"),
         ("beam_arm", "double"),
         ("planar5_nmp", "single"),

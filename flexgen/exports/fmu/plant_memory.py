@@ -47,8 +47,7 @@ def plant_memory(equations: Equations) -> PlantMemory | None:
     fading = []
     turning, speeds = ca.fabs(deflection_rates(equations)), ca.fabs(motor_speeds(equations))
     for layer in gear_layers(model):
-        slope = layer.exponent * (np.abs(layer.gamma) + 1.0 - layer.gamma) * layer.stiffness / layer.divisor
-        fading.append(ca.DM(slope) * turning)
+        fading.append(ca.DM(layer.bend * layer.stiffness / layer.divisor) * turning)
     law = motor_bristles(model)
     fading.append(ca.DM(law.stiffness / np.where(law.present, law.coulomb, 1.0)) * speeds)
     lag = equations.lagrangian
