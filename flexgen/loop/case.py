@@ -133,6 +133,8 @@ def control_case(
     known = signals_of(nominal) if felt else None
     reference = motion_reference(trajectory, path, sample_time, delay, library, time, known)
     signals = RobotFunction(signals_of(local.equations, True), chosen.values, tell) if felt else None
+    if CHANNEL in trajectory:
+        reference = _resting(reference, local.equations.pushed_by(trajectory[CHANNEL][0]), chosen.values[:1])
     rests = local.under(process, time[0]).rests(reference.motion, chosen.values)
     limits = tuple(m.torque_max or 0.0 for m in robot.motors) if torque_limits else ()
     whole = int(delay / sample_time + 1e-9)
@@ -150,6 +152,13 @@ def control_case(
         robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal, exact_state
     )
     return replace(case, gears=gears, signals=signals, laws=laws, force=process)
+
+
+def _resting(reference: MotionReference, equations: Equations, nominal: np.ndarray) -> MotionReference:
+    """The reference with the torque of the equilibrium before the motion: under a force a solution begins otherwise."""
+    (_, tau), before = LocalDynamics(equations).rests(reference.motion, nominal)[0], reference.time < reference.begin
+    before &= (reference.held == reference.held[0]).all(axis=1)
+    return replace(reference, held=np.where(before[:, None], tau, reference.held))
 
 
 def with_wall(case: Case, wall: Wall, progress: Callable[[str], None] | None) -> Case:

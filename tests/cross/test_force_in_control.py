@@ -129,6 +129,16 @@ def test_the_force_of_a_solution_acts(equations, force):
     assert abs(free.force_figures()["assumed_force_max_N"] - 300.0) < 1.0
 
 
+@pytest.mark.full
+def test_six_axes_rest_until_the_motion_begins():
+    """A solution under a force begins with a transient of its torque, which is not held before."""
+    equations = flexgen.derive("manutec_r3_24")
+    force = milling(duration_of(equations))
+    run = flexgen.control(equations, force=force, sample_time=1.25e-4, torque_limits=False)
+    assert run.distance(run.nominal)[run.reference.time < run.reference.begin].max() < 1e-9
+    assert run.tool_error_max_m < 2e-6
+
+
 @pytest.mark.slow
 def test_gears_with_hysteresis_feel_the_force():
     equations = flexgen.derive(hysteretic("elbow"))
