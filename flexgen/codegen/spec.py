@@ -414,16 +414,12 @@ def _inverts(c_functions: Sequence[CFunction], parameters: Sequence[Parameter]) 
 
 
 def _constants(model: RobotModel) -> Constants:
-    from flexgen.mechanics.force_laws import stiffness_at_zero  # here, as they need CasADi
-    from flexgen.mechanics.lagrangian import gears
+    from flexgen.mechanics.lagrangian import gear_stiffness  # here, as it needs CasADi
 
     return Constants(
         gear_ratio=tuple(tuple(float(x) for x in row) for row in model.eta),
         rotor_inertia=tuple(float(motor.inertia) for motor in model.motors),
-        gear_stiffness=tuple(
-            0.0 if gear.spring is None else float(ratio**2 * stiffness_at_zero(gear.spring))
-            for gear, ratio in gears(model)
-        ),
+        gear_stiffness=tuple(float(x) for x in gear_stiffness(model)),
     )
 
 

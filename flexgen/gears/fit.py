@@ -34,10 +34,8 @@ from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import DrivenArm, MotorMotion
 from flexgen.gears.signals import Signals
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.force_laws import stiffness_at_zero
-from flexgen.mechanics.lagrangian import gears as gears_of
+from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.parameters import with_values
-from flexgen.model.elements import RobotModel
 from flexgen.numerics.trust_region import Sums, minimize
 
 STEP = 1e-3  # of differences in numbers over their values at the start, and lost motions
@@ -134,7 +132,7 @@ class GearModel:
         found, n = self.units * theta, len(self.names)
         values, K_h, lost, errors = np.split(found[: self.bent], [n, self.parts, self.errors])
         model = with_values(self.equations.model, dict(zip(self.names, values.tolist(), strict=True)))
-        W = lost * gear_stiffness(model)[list(self.sought.gears)] / 2
+        W = lost * gear_stiffness(model, np.inf)[list(self.sought.gears)] / 2
         return np.concatenate([values, K_h, W, errors, [self.largest]])
 
     def torques(self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None) -> np.ndarray:
@@ -353,9 +351,3 @@ def _correct(
 def _misfit(error: np.ndarray, measured: np.ndarray) -> float:
     """Root of the mean square of residuals over that of the torques, the largest of all motors."""
     return float((np.std(error, axis=0) / np.maximum(np.std(measured, axis=0), 1e-300)).max())
-
-
-def gear_stiffness(model: RobotModel) -> np.ndarray:
-    """Stiffness at zero of the springs of all gears (n_g,) [N m/rad or N/m], arm side; infinite for rigid ones."""
-    found = [np.inf if g.spring is None else ratio**2 * stiffness_at_zero(g.spring) for g, ratio in gears_of(model)]
-    return np.array(found)

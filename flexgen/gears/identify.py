@@ -11,10 +11,11 @@ import numpy as np
 
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
-from flexgen.gears.fit import FRICTIONS, LOST, NO_LOST, Estimate, GearModel, Sought, estimate, gear_stiffness
+from flexgen.gears.fit import FRICTIONS, LOST, NO_LOST, Estimate, GearModel, Sought, estimate
 from flexgen.gears.result import WEAK, GearFit, GearStatus, Number
 from flexgen.gears.signals import signals_of
 from flexgen.mechanics.equations import derive, robot_of
+from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.lagrangian import gears as gears_of
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.memory.hysteresis import gear_hysteresis, refuse_curved, without_hysteresis
@@ -108,7 +109,7 @@ def identify_gears(
     free = [f"{name}.{kind}" for name in names for kind in ("stiffness", "damping")] if free is None else list(free)
     plain = without_hysteresis(robot)
     fitted = [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
-    law, K, at = gear_hysteresis(robot), gear_stiffness(plain), list(gears)
+    law, K, at = gear_hysteresis(robot), gear_stiffness(plain, np.inf), list(gears)
     K_h = np.where(law.present, law.stiffness, K)[at]
     lost = np.where(law.present, 2 * law.slip / K, LOST)[at]
     orders, of_motors = _orders("harmonics", harmonics), _orders("cogging", cogging)

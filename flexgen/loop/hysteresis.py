@@ -21,7 +21,7 @@ from flexgen.loop.plants import LocalDynamics, Plants
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.parameters import with_values
 from flexgen.memory.hysteresis import Layer, gear_layers, without_hysteresis
-from flexgen.memory.lugre import MotorBristles, motor_bristles, without_lugre
+from flexgen.memory.lugre import MotorBristles, motor_bristles, sliding_torque, without_lugre
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.simulation.hysteretic_rate import (
@@ -107,8 +107,7 @@ def _rate(equations: Equations, layers: Sequence[Layer], bristled: bool) -> ca.F
     if bristled:
         most, coulomb, static, speed, stiffness, damping = ca.vertsplit(law, n_m)
         turning = motor_speeds(equations)
-        level = coulomb + (static - coulomb) * ca.exp(-((turning / speed) ** 2))
-        bending = turning - ca.fabs(turning) * most * bent / level
+        bending = turning - ca.fabs(turning) * most * bent / sliding_torque(turning, coulomb, static, speed)
         forces -= motor_force(model, most * bent + damping * bending)
         more = ca.vertcat(more, stiffness / ca.if_else(most > 0, most, 1) * bending)
     a = equations.acceleration_under(forces)

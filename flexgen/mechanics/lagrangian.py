@@ -17,8 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import casadi as ca
+import numpy as np
 
-from flexgen.mechanics.force_laws import friction_torque, spring_energy, spring_torque
+from flexgen.mechanics.force_laws import friction_torque, spring_energy, spring_torque, stiffness_at_zero
 from flexgen.mechanics.kinematics import Kinematics, kinematics
 from flexgen.mechanics.motor_harmonics import gear_angles, gear_rates, given_torques
 from flexgen.model.elements import Gear, RobotModel
@@ -220,6 +221,12 @@ def gears(model: RobotModel) -> list[tuple[Gear, float]]:
         on_motor = dof.gear.side == "motor" and not dof.gear.rigid
         out.append((dof.gear, next(m.ratio[0] for m in model.motors if m.drives == (dof.name,)) if on_motor else 1.0))
     return out
+
+
+def gear_stiffness(model: RobotModel, rigid: float = 0.0) -> np.ndarray:
+    """Stiffness at zero of the springs of all gears (n_g,) [N m/rad or N/m], arm side; ``rigid`` where one has none."""
+    found = [rigid if g.spring is None else ratio**2 * stiffness_at_zero(g.spring) for g, ratio in gears(model)]
+    return np.array(found, float)
 
 
 def _elastic_torques(model: RobotModel, chain: Kinematics, joints: list[ca.SX]) -> ca.SX:

@@ -18,6 +18,7 @@ Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, IEEE TAC 40(3
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -52,8 +53,13 @@ class MotorBristles:
 
     def level(self, v: np.ndarray, motor: int) -> np.ndarray:
         """The torque g(v) [N m] of a motor that slides at the speeds ``v`` [rad/s]."""
-        more = self.static[motor] - self.coulomb[motor]
-        return np.asarray(self.coulomb[motor] + more * np.exp(-((v / self.stribeck_speed[motor]) ** 2)))
+        return np.asarray(sliding_torque(v, self.coulomb[motor], self.static[motor], self.stribeck_speed[motor]))
+
+
+def sliding_torque(v: Any, coulomb: Any, static: Any, speed: Any) -> Any:
+    """The torque g(v) [N m] of a motor that slides at the speed ``v`` [rad/s]; CasADi expressions or arrays."""
+    exp = ca.exp if isinstance(v, ca.SX) else np.exp
+    return coulomb + (static - coulomb) * exp(-((v / speed) ** 2))
 
 
 def motor_bristles(model: RobotModel) -> MotorBristles:
@@ -81,7 +87,7 @@ def bristle_rates(law: MotorBristles, v: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]
             torques.append(ca.SX(0))
             continue
         coulomb, static, speed = (float(x[j]) for x in (law.coulomb, law.static, law.stribeck_speed))
-        level = coulomb + (static - coulomb) * ca.exp(-((v[j] / speed) ** 2)) if static > coulomb else coulomb
+        level = sliding_torque(v[j], coulomb, static, speed) if static > coulomb else coulomb
         rate = v[j] - ca.fabs(v[j]) * y[j] / level  # of z
         rates.append(float(law.stiffness[j]) * rate)
         torques.append(y[j] + float(law.damping[j]) * rate)

@@ -16,8 +16,7 @@ from flexgen.analysis.gear_changes import Linearization
 from flexgen.errors import ArgumentError
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.residuals import Residuals, noise_levels, output_powers, structured_covariance
-from flexgen.mechanics.force_laws import stiffness_at_zero
-from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.lagrangian import gear_stiffness, gears
 from flexgen.mechanics.parameters import with_values
 from flexgen.model.elements import BacklashSpring, RobotModel
 
@@ -144,12 +143,8 @@ def _gears(robot: RobotModel) -> tuple[list[int], np.ndarray]:
                 f"levels: given a model with backlash in the gear of {robot.coordinates[i].name}, expected other "
                 "springs: the levels are compared by the stiffness at zero, which a dead band does not have"
             )
-    out = [
-        (i, factor**2 * stiffness_at_zero(gear.spring))
-        for i, (gear, factor) in zip(robot.i_g, gears(robot), strict=True)
-        if gear.spring is not None
-    ]
-    return [i for i, _ in out], np.array([k for _, k in out])
+    elastic = [k for k, (gear, _) in enumerate(gears(robot)) if gear.spring is not None]
+    return [robot.i_g[k] for k in elastic], gear_stiffness(robot)[elastic]
 
 
 def _level(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray) -> Level:
