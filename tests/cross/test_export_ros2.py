@@ -360,7 +360,7 @@ def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
     assert "geometry_msgs" in needed and "WRENCH_ROWS = {0, 1}" in texts[f"include/{ROS}/arm.hpp"]
     for name, options, words in (
         (NAME, {"parts": ["bvp"]}, "parts: given bvp, expected force"),
-        (NAME, {"parts": ["force"], "controller": False}, "expected force, and a controller"),
+        (NAME, {"parts": ["force"], "controller": False}, "expected force or position, and a controller"),
         ("four_mass", {"parts": ["force"]}, "whose output is none of the tool"),
     ):
         with pytest.raises(ArgumentError, match=words):
@@ -496,11 +496,109 @@ def test_the_command_line(tmp_path, capsys):
     assert "small letters" in capsys.readouterr().err
 
 
+# --- positions in place of torques ------------------------------------------------------------------------------------
+SERVO = {
+    "type": "cascade",
+    "position_gain": [30.0, 25.0],
+    "speed_gain": [1.5, 0.4],
+    "integral_gain": [6.0, 6.0],
+    "sample_time": 1e-3,
+    "delay": 4e-4,
+}
+IN_SERVO = 5  # samples of the servo in an interval
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """The package with the part position, and a library of it."""
+    folder, model = tmp_path_factory.mktemp("served"), flexgen.read(NAME, overrides={"servo": SERVO})
+    exported = flexgen.export_ros2(model, folder / "ros2", parts=["position"])
+    assert exported.notes == ()
+    made = flexgen.generate(model, folder / "library", parts=["position"], progress=False)
+    return folder / "ros2", flexgen.load(made.directory), model
+
+
+def interpolation(n: int, each: int, cubic: bool) -> np.ndarray:
+    """References (n, positions) of a servo between positions, as the comment of `position_samples.c` says."""
+    count = (n - 1) // each + 1
+    out = np.zeros((n, count))
+    for k in range(n):
+        j, x = divmod(k, each)
+        x /= each
+        weights = [0.0, 1.0 - x, x, 0.0]
+        if cubic:
+            a, b = x**3 - 2 * x**2 + x, x**3 - x**2
+            weights = [-a / 2, 2 * x**3 - 3 * x**2 + 1 - b / 2, 3 * x**2 - 2 * x**3 + a / 2, b / 2]
+        for i, weight in enumerate(weights):
+            out[k, min(max(j - 1 + i, 0), count - 1)] += weight
+    return out
+
+
+@needs_compiler
 @pytest.mark.slow
-@pytest.mark.parametrize("force", [False, True])
-def test_cmake_builds_the_plugin_and_the_controller(package, pushed, tmp_path, force):
+@pytest.mark.parametrize(
+    ("each", "cubic", "chained", "planted"), [(1, False, True, False), (5, False, False, False), (5, True, True, True)]
+)
+def test_positions_are_those_of_the_stream_for_the_interface(served, tmp_path, each, cubic, chained, planted):
+    """Each in the middle of a window whose interpolation by numpy is closest; planted: the next one of the window."""
+    (folder, library, model), n, ahead, package = served, 60, 3, tmp_path / "ros2"
+    shutil.copytree(folder, package)
+    if planted:
+        header = package / "include" / ROS / "position_window.hpp"
+        text = header.read_text(encoding="ascii")
+        at = "static_cast<std::ptrdiff_t>(sides_) *"
+        assert text.count(at) == 1
+        header.write_text(text.replace(at, "static_cast<std::ptrdiff_t>(sides_ + 1) *"), encoding="ascii")
+    objects, program = objects_of(package, NAME, ("POSITION",)), tmp_path / "library.o"
+    include, source = package / "include" / ROS, package / "src" / f"{NAME}.c"
+    subprocess.run([tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", source, "-o", program], check=True)
+    subprocess.run([tool("g++"), *objects, program, "-o", package / "drive"], check=True)
+    samples, zero, q_a = path_samples(n), np.zeros(2), np.append(model.home, 0.0)
+    y0 = output_at(flexgen.derive(NAME), q_a)
+    options = {"period": PERIOD, "intervals": INTERVALS, "samples_per_interval": IN_SERVO}
+    stream = library.stream(y0, q_a, **options, servo=True)
+    first = stream.update(y0, zero, zero)
+    rest, commands = first.q_m[0].copy(), []
+    rows = [[float(chained), 100.0, float(n * IN_SERVO // each), each, ahead, float(cubic), 1e-3], rest]
+    for k in range(n):
+        commands.append(stream.update(*(x[k] for x in samples)).command_m[:IN_SERVO])
+        for part in range(0, IN_SERVO, each):
+            rows += [rest, [float(part == 0)], *(x[k] for x in samples)]
+    out = drive(package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows]))
+    assert out[-1] == 0  # allocations
+    found, expected = out[:-1].reshape(-1, N_M), np.concatenate(commands)
+    if each > 1:
+        width = 2 * ahead * each + 1
+        expected = np.concatenate([np.tile(first.command_m[:1], (width, 1)), expected])
+        to_position = np.linalg.pinv(interpolation(width, each, cubic))[ahead]
+        expected = np.array([to_position @ expected[k + each : k + each + width] for k in range(0, n * IN_SERVO, each)])
+    assert np.ptp(found, axis=0).min() > 5.0
+    difference = np.abs(found - expected).max()
+    assert difference > 1e-3 if planted else difference < 1e-9
+
+
+def test_positions_need_a_servo_and_no_gains(tmp_path):
+    with pytest.raises(ArgumentError, match=r"has no table \[servo\]"):
+        flexgen.export_ros2(NAME, tmp_path, parts=["position"])
+    model = flexgen.read(NAME, overrides={"servo": SERVO})
+    with pytest.raises(ArgumentError, match="gains: given with positions"):
+        flexgen.export_ros2(model, tmp_path, parts=["position"], gains=gains())
+    with pytest.raises(ArgumentError, match="parts: given noise, expected force or position"):
+        flexgen.export_ros2(model, tmp_path, parts=["noise"])
+    uneven = flexgen.read(NAME, overrides={"servo": {**SERVO, "sample_time": 7e-4}})
+    with pytest.raises(ArgumentError, match=r"servo\.sample_time of planar5_nmp: given 0\.0007 s, expected a part of"):
+        flexgen.export_ros2(uneven, tmp_path, parts=["position"])
+    both = flexgen.export_ros2(model, tmp_path / "both", parts=["position", "force"])
+    text = (tmp_path / "both" / "config" / "controller.yaml").read_text()
+    assert len(both.files) > 15
+    assert "wrench_time" in text and "position_gain" not in text and "samples_per_interval: 5" in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["", "force", "position"])
+def test_cmake_builds_the_plugin_and_the_controller(package, pushed, served, tmp_path, part):
     """With packages of the same names that have only their targets and functions; the library is left out."""
-    cmake, package = tool("cmake"), pushed[0] if force else package
+    cmake, package = tool("cmake"), {"": package, "force": pushed[0], "position": served[0]}[part]
     source = tmp_path / "package"
     shutil.copytree(package, source, ignore=shutil.ignore_patterns("*.o", "drive*"))
     (source / "src" / f"{NAME}.c").write_text(f'#include "{NAME}.h"\n', encoding="ascii")

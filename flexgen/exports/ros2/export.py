@@ -26,6 +26,8 @@ from flexgen.version import __version__
 
 PACKAGE = "flexgen.exports.ros2"
 OPEN_GAINS = "the gains in config/controller.yaml are open: the controller refuses to start until they are set"
+PARTS, WHOLE = ("force", "position"), 1e-6  # relative error of a whole number of samples
+STEP_TOLERANCE = 0.001  # rad or m, arm side: largest first step of a position
 START_TOLERANCE = 0.01  # rad or m, arm side: largest distance from the start of the stream
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
 _EMAIL = re.compile(r"[A-Za-z0-9._%+-]+@[A-Za-z0-9.-]+\Z")
@@ -70,7 +72,8 @@ def export_ros2(
         Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``; "proposed": those at
         home; False or None: open, and the controller refuses to start until they are set.
     parts : sequence of str
-        ``"force"``: the controller takes a known force on the tool, with the samples and from a topic.
+        ``"force"``: the controller takes a known force on the tool, with the samples and from a topic. ``"position"``:
+        it sends positions for the servos of the model, table ``[servo]``, in place of torques; without gains.
     maintainer, email, license_name : str
         For ``package.xml``.
     force : bool
@@ -90,8 +93,9 @@ def export_ros2(
     >>> print(flexgen.export_ros2("elbow", gains=None, maintainer="Ada", email="ada@example.org"))
     exports/flexgen_elbow
     """
-    if set(parts) - {"force"} or (parts and not controller):
-        raise ArgumentError(f"parts: given {', '.join(parts)}, expected force, and a controller, which takes it")
+    if set(parts) - set(PARTS) or (parts and not controller):
+        raise ArgumentError(f"parts: given {', '.join(parts)}, expected {' or '.join(PARTS)}, and a controller")
+    positions = "position" in parts
     library = emit(model, streams=controller, parts=tuple(dict.fromkeys(parts)))
     refuse_load(library.model, "export_ros2")
     name = library.name
@@ -99,7 +103,9 @@ def export_ros2(
     if not _EMAIL.match(email):
         raise ArgumentError(f"email: given {email!r}, expected an address such as name@example.com")
     if gains == "proposed":
-        gains = propose_gains(library.equations) if controller else None
+        gains = propose_gains(library.equations) if controller and not positions else None
+    if gains and positions:
+        raise ArgumentError("gains: given with positions, expected none; the robot has its own servos")
     if gains and not controller:
         raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")
     words = _words(library, chosen, controller, gains or None, parts)
@@ -111,9 +117,9 @@ def export_ros2(
         "MAINTAINER": xml_text(maintainer),
         "LICENSE": xml_text(license_name),
     }
-    notes = (OPEN_GAINS,) * (controller and not gains)
+    notes = (OPEN_GAINS,) * (controller and not gains and not positions)
     texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
-    for file, path in _files(chosen, controller, bool(parts)).items():
+    for file, path in _files(chosen, controller, parts).items():
         texts[path] = _render(file, chosen, name, words, parts)
     return library.write("ros2", directory, texts, force=force, default=chosen, notes=notes)
 
@@ -135,7 +141,7 @@ def _package_name(package: str | None, name: str) -> str:
     return chosen
 
 
-def _files(package: str, controller: bool, force: bool) -> dict[str, str]:
+def _files(package: str, controller: bool, parts: Sequence[str]) -> dict[str, str]:
     """Path in the package by the name of the template."""
     files = {
         "CMakeLists.txt": "CMakeLists.txt",
@@ -154,7 +160,8 @@ def _files(package: str, controller: bool, force: bool) -> dict[str, str]:
             "stream_controller.launch.in": "launch/stream_controller.launch.py",
             "stream_controller.cpp": "src/stream_controller.cpp",
         }
-        headers = ("cascade.hpp", "sample_queue.hpp", "stream_controller.hpp", *["force_ramp.hpp"] * force)
+        own = "position_window.hpp" if "position" in parts else "cascade.hpp"
+        headers = (own, "sample_queue.hpp", "stream_controller.hpp", *["force_ramp.hpp"] * ("force" in parts))
         files |= {header: f"include/{package}/{header}" for header in headers}
     return files
 
@@ -183,7 +190,7 @@ def _words(
         "MOTORS": ", ".join(quote(motor.name) for motor in model.motors),
         "HOME_TORQUES": numbers(torques),
         "BRISTLES": _bristles(model),
-        "WRENCH_ROWS": _wrench_rows(model) if parts else "",
+        "WRENCH_ROWS": _wrench_rows(model) if "force" in parts else "",
         "STREAM": "",
         "DEPENDS": "",
         "CONTROLLER": "",
@@ -198,7 +205,8 @@ def _words(
             "expected another one; change `home` in the model file, or leave the controller out: controller=False "
             "(--no-controller)"
         )
-    start, tolerance = output_at(equations, home), START_TOLERANCE * float(np.abs(model.eta).max())
+    tolerance = STEP_TOLERANCE if "position" in parts else START_TOLERANCE
+    start, tolerance = output_at(equations, home), tolerance * float(np.abs(model.eta).max())
     n = model.n_m
     largest = [motor.torque_max or 0.0 for motor in model.motors]
     stream = f"""
@@ -207,14 +215,18 @@ def _words(
 inline constexpr std::array<double, {len(start)}> START_OUTPUT = {{{numbers(start)}}};
 inline constexpr double START_TOLERANCE = {tolerance!r};
 """
+    samples = options.samples_per_interval
+    if "position" in parts:
+        samples = _servo_samples(model, options.period)
+        stream += f"inline constexpr int SAMPLES_PER_INTERVAL = {samples}; // as of the servo\n"
     return words | {
         "STREAM": stream,
-        "DEPENDS": "".join(f"  <depend>{name}</depend>\n" for name in (*_ROS, *["geometry_msgs"] * bool(parts)))
+        "DEPENDS": "".join(f"  <depend>{name}</depend>\n" for name in (*_ROS, *["geometry_msgs"] * ("force" in parts)))
         + "  <exec_depend>controller_manager</exec_depend>\n",
         "CONTROLLER": _render("controller.cmake", package, library.name, {}, parts),
         "README_CONTROLLER": f"- `{package}/StreamController`: a chainable controller of ros2_control; its "
         "parameters are in `config/`,\n  `launch/` starts it.\n",
-        "RATE": str(round(options.samples_per_interval / options.period)),
+        "RATE": str(round(samples / options.period)),
         "JOINTS": ", ".join(yaml_text(motor.name) for motor in model.motors),
         "ONES": numbers([1.0] * n),
         "ZEROS": numbers([0.0] * n),
@@ -224,8 +236,20 @@ inline constexpr double START_TOLERANCE = {tolerance!r};
         "START_TOLERANCE": repr(tolerance),
         "PERIOD": repr(options.period),
         "INTERVALS": str(options.intervals),
-        "SAMPLES": str(options.samples_per_interval),
+        "SAMPLES": str(samples),
     }
+
+
+def _servo_samples(model: RobotModel, period: float) -> int:
+    """Samples of the servo of a model in an interval of the stream."""
+    assert model.servo is not None
+    samples = round(period / model.servo.sample_time)
+    if samples < 1 or abs(samples * model.servo.sample_time / period - 1.0) > WHOLE:
+        raise ArgumentError(
+            f"servo.sample_time of {model.name}: given {model.servo.sample_time} s, expected a part of {period} s, an "
+            "interval of the stream"
+        )
+    return samples
 
 
 def _wrench_rows(model: RobotModel) -> str:

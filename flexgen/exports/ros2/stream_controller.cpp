@@ -39,10 +39,16 @@ controller_interface::CallbackReturn StreamController::on_init()
 {
     try {
         auto_declare<std::vector<std::string>>("joints", std::vector<std::string>(MOTORS.begin(), MOTORS.end()));
+#if MODEL_POSITION
+        auto_declare<int>("samples_per_position", 1);
+        auto_declare<std::string>("interpolation", "linear");
+        auto_declare<int>("positions_ahead", 8);
+#else /* MODEL_POSITION */
         for (const char *name : {"position_gain", "speed_gain", "integral_gain"}) {
             auto_declare<std::vector<double>>(name, std::vector<double>());
         }
         auto_declare<std::vector<double>>("torque_max", std::vector<double>(MODEL_NM, 0.0));
+#endif /* MODEL_POSITION */
         auto_declare<std::vector<double>>("gear_ratio", std::vector<double>(MODEL_NM, 1.0));
         auto_declare<std::vector<double>>("offset", std::vector<double>(MODEL_NM, 0.0));
         auto_declare<std::vector<double>>(
@@ -51,9 +57,16 @@ controller_interface::CallbackReturn StreamController::on_init()
         auto_declare<double>("start_tolerance", START_TOLERANCE);
         auto_declare<double>("period", MODEL_STREAM_PERIOD);
         auto_declare<int>("intervals", MODEL_STREAM_INTERVALS);
+#if MODEL_POSITION
+        auto_declare<int>("samples_per_interval", SAMPLES_PER_INTERVAL);
+#else /* MODEL_POSITION */
         auto_declare<int>("samples_per_interval", MODEL_STREAM_SAMPLES_PER_INTERVAL);
+#endif /* MODEL_POSITION */
         auto_declare<double>("tolerance", MODEL_STREAM_TOLERANCE);
+#if MODEL_POSITION
+#else /* MODEL_POSITION */
         auto_declare<double>("delay", 0.0);
+#endif /* MODEL_POSITION */
         auto_declare<int>("queue", 1000);
 #if MODEL_FORCE
         auto_declare<double>("wrench_time", 0.1);
@@ -94,9 +107,13 @@ bool StreamController::read_parameters()
         std::copy(x.begin(), x.end(), to.begin());
         return true;
     };
+#if MODEL_POSITION
+    if (!copy("gear_ratio", false, gear_ratio_) || !copy("offset", false, offset_)) {
+#else /* MODEL_POSITION */
     if (!copy("position_gain", true, cascade_.position_gain) || !copy("speed_gain", true, cascade_.speed_gain) ||
         !copy("integral_gain", true, cascade_.integral_gain) || !copy("torque_max", true, cascade_.torque_max) ||
         !copy("gear_ratio", false, gear_ratio_) || !copy("offset", false, offset_)) {
+#endif /* MODEL_POSITION */
         return false;
     }
     if (std::any_of(gear_ratio_.begin(), gear_ratio_.end(), [](double ratio) { return ratio == 0.0; })) {
@@ -111,9 +128,46 @@ bool StreamController::read_parameters()
     options_.samples_per_interval = static_cast<int>(node->get_parameter("samples_per_interval").as_int());
     options_.tolerance = node->get_parameter("tolerance").as_double();
     options_.hold = MODEL_HOLD_ZOH;
+#if MODEL_POSITION
+    servo_ = model_servo_defaults();
+    options_.servo = &servo_;
+    options_.delay = servo_.delay / servo_.sample_time;
+    return !start_output_.empty() && !q_start_.empty() && read_interface();
+#else /* MODEL_POSITION */
     options_.delay = node->get_parameter("delay").as_double();
     return !start_output_.empty() && !q_start_.empty();
+#endif /* MODEL_POSITION */
 }
+
+#if MODEL_POSITION
+// How the robot takes positions.
+bool StreamController::read_interface()
+{
+    const auto node = get_node();
+    const auto logger = node->get_logger();
+    const std::string name = node->get_parameter("interpolation").as_string();
+    if (name != "hold" && name != "linear" && name != "cubic") {
+        RCLCPP_ERROR(logger, "parameter interpolation: given %s, expected hold, linear or cubic", name.c_str());
+        return false;
+    }
+    robot_.interpolation = name == "hold"     ? MODEL_INTERPOLATION_HOLD
+                           : name == "linear" ? MODEL_INTERPOLATION_LINEAR
+                                              : MODEL_INTERPOLATION_CUBIC;
+    const int64_t each = node->get_parameter("samples_per_position").as_int();
+    const int64_t ahead = node->get_parameter("positions_ahead").as_int();
+    robot_.samples_per_position = static_cast<int>(std::clamp<int64_t>(each, 0, 100000));
+    if (each < 1 || options_.samples_per_interval % robot_.samples_per_position != 0) {
+        RCLCPP_ERROR(logger, "parameter samples_per_position: given %lld, expected a divisor of samples_per_interval, %d",
+            static_cast<long long>(each), options_.samples_per_interval);
+        return false;
+    }
+    if (!window_.resize(robot_, static_cast<int>(std::clamp<int64_t>(ahead, -1, 1000)))) {
+        RCLCPP_ERROR(logger, "parameter positions_ahead: given %lld, expected 1 to 100", static_cast<long long>(ahead));
+        return false;
+    }
+    return true;
+}
+#endif /* MODEL_POSITION */
 
 controller_interface::CallbackReturn StreamController::on_configure(const rclcpp_lifecycle::State &)
 {
@@ -123,12 +177,27 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
     }
     const int64_t size = model_stream_work(&options_);
     if (size < 0) {
+#if MODEL_POSITION
+        RCLCPP_ERROR(logger, "parameters period, intervals, samples_per_interval: expected samples %g s apart, as of the "
+                             "servo, and a horizon that the stream can have", servo_.sample_time);
+#else /* MODEL_POSITION */
         RCLCPP_ERROR(
             logger, "parameters intervals, samples_per_interval, delay: %s", model_status_text(MODEL_BAD_ARGUMENT));
+#endif /* MODEL_POSITION */
         return controller_interface::CallbackReturn::FAILURE;
     }
-    cascade_.sample_time = options_.period / options_.samples_per_interval;
     const double rate = get_update_rate();
+#if MODEL_POSITION
+    const double cycle = robot_.samples_per_position * options_.period / options_.samples_per_interval;
+    if (!(std::abs(rate * cycle - 1.0) < 1e-6)) {
+        RCLCPP_ERROR(logger,
+            "parameters period, samples_per_interval, samples_per_position: given %g s, %d and %d, which need an update "
+            "rate of %g Hz; that of the controller is %g Hz",
+            options_.period, options_.samples_per_interval, robot_.samples_per_position, 1.0 / cycle, rate);
+        return controller_interface::CallbackReturn::FAILURE;
+    }
+#else /* MODEL_POSITION */
+    cascade_.sample_time = options_.period / options_.samples_per_interval;
     if (!(std::abs(rate * cascade_.sample_time - 1.0) < 1e-6)) {
         RCLCPP_ERROR(logger,
             "parameters period, samples_per_interval: given %g s and %d, which need an update rate of %g Hz; that of "
@@ -136,6 +205,7 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
             options_.period, options_.samples_per_interval, 1.0 / cascade_.sample_time, rate);
         return controller_interface::CallbackReturn::FAILURE;
     }
+#endif /* MODEL_POSITION */
     const int64_t queue = get_node()->get_parameter("queue").as_int();
     if (queue < 1) {
         RCLCPP_ERROR(logger, "parameter queue: expected at least 1 sample");
@@ -155,6 +225,9 @@ controller_interface::CallbackReturn StreamController::on_configure(const rclcpp
     stream_.size = size;
     q_m_.assign(static_cast<std::size_t>(options_.samples_per_interval) * MODEL_NM, 0.0);
     tau_m_.assign(q_m_.size(), 0.0);
+#if MODEL_POSITION
+    command_m_.assign(q_m_.size(), 0.0);
+#endif /* MODEL_POSITION */
     queue_.resize(static_cast<std::size_t>(queue));
     subscription_ = get_node()->create_subscription<std_msgs::msg::Float64MultiArray>(
         "~/reference", rclcpp::SystemDefaultsQoS(), [this](const std_msgs::msg::Float64MultiArray::SharedPtr message) {
@@ -222,7 +295,11 @@ controller_interface::InterfaceConfiguration StreamController::command_interface
     controller_interface::InterfaceConfiguration out{
         controller_interface::interface_configuration_type::INDIVIDUAL, {}};
     for (const auto &joint : joints_) {
+#if MODEL_POSITION
+        out.names.push_back(joint + "/position");
+#else /* MODEL_POSITION */
         out.names.push_back(joint + "/effort");
+#endif /* MODEL_POSITION */
     }
     return out;
 }
@@ -275,6 +352,8 @@ bool StreamController::measure()
     return true;
 }
 
+#if MODEL_POSITION
+#else /* MODEL_POSITION */
 // The hardware keeps the last effort: without this the motors would go on with it.
 bool StreamController::release_motors()
 {
@@ -285,11 +364,16 @@ bool StreamController::release_motors()
     return written;
 }
 
+#endif /* MODEL_POSITION */
 controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_lifecycle::State &)
 {
     const auto logger = get_node()->get_logger();
     if (state_interfaces_.size() != MODEL_NM || command_interfaces_.size() != MODEL_NM || !measure()) {
+#if MODEL_POSITION
+        RCLCPP_ERROR(logger, "interfaces: expected %d finite positions and %d to command", MODEL_NM, MODEL_NM);
+#else /* MODEL_POSITION */
         RCLCPP_ERROR(logger, "interfaces: expected %d finite positions and %d efforts", MODEL_NM, MODEL_NM);
+#endif /* MODEL_POSITION */
         return controller_interface::CallbackReturn::FAILURE;
     }
     std::fill(held_.begin(), held_.end(), 0.0);
@@ -318,16 +402,23 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
             return controller_interface::CallbackReturn::FAILURE;
         }
     }
+#if MODEL_POSITION
+    window_.fill(command_m_.data());
+#else /* MODEL_POSITION */
     cascade_.reset(measured_, q_m);
+#endif /* MODEL_POSITION */
     part_ = 0;
     return controller_interface::CallbackReturn::SUCCESS;
 }
 
 controller_interface::CallbackReturn StreamController::on_deactivate(const rclcpp_lifecycle::State &)
 {
+#if MODEL_POSITION
+#else /* MODEL_POSITION */
     if (!release_motors()) {
         RCLCPP_ERROR(get_node()->get_logger(), "interfaces: the efforts cannot be set to 0");
     }
+#endif /* MODEL_POSITION */
     if (warnings_ + missing_ > 0) {
         RCLCPP_WARN(get_node()->get_logger(), "%llu intervals with a warning of the stream, %llu without a new sample",
             static_cast<unsigned long long>(warnings_), static_cast<unsigned long long>(missing_));
@@ -350,6 +441,9 @@ int StreamController::begin_interval()
     model_motion motion{};
     motion.q_m = q_m_.data();
     motion.tau_m = tau_m_.data();
+#if MODEL_POSITION
+    motion.command_m = command_m_.data();
+#endif /* MODEL_POSITION */
     double *const sample = reference_interfaces_.data();
     int status = MODEL_BAD_ARGUMENT;
 #if MODEL_FORCE
@@ -388,6 +482,19 @@ int StreamController::begin_interval()
 controller_interface::return_type StreamController::update_and_write_commands(
     const rclcpp::Time &, const rclcpp::Duration &)
 {
+#if MODEL_POSITION
+    Motors position{};
+    if ((part_ == 0 && begin_interval() < 0) ||
+        !window_.step(command_m_.data() + static_cast<std::ptrdiff_t>(part_) * MODEL_NM, position)) {
+        return controller_interface::return_type::ERROR;
+    }
+    bool written = true;
+    for (std::size_t j = 0; j < MODEL_NM; ++j) {
+        written = command_interfaces_[j].set_value((position[j] - offset_[j]) / gear_ratio_[j]) && written;
+    }
+    part_ = (part_ + robot_.samples_per_position) % options_.samples_per_interval;
+    return written ? controller_interface::return_type::OK : controller_interface::return_type::ERROR;
+#else /* MODEL_POSITION */
     if (!measure() || (part_ == 0 && begin_interval() < 0)) {
         release_motors();
         return controller_interface::return_type::ERROR;
@@ -407,6 +514,7 @@ controller_interface::return_type StreamController::update_and_write_commands(
     }
     part_ = (part_ + 1) % options_.samples_per_interval;
     return controller_interface::return_type::OK;
+#endif /* MODEL_POSITION */
 }
 
 } // namespace flexgen_space

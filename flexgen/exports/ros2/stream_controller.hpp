@@ -1,4 +1,8 @@
+#if MODEL_POSITION
+// Positions for the servos of a robot from a stream of inverse dynamics, as a chainable controller. Written by flexgen.
+#else /* MODEL_POSITION */
 // Inverse dynamics of a stream with P-PI control of the motors, as a chainable controller. Written by flexgen.
+#endif /* MODEL_POSITION */
 #ifndef FLEXGEN_MODEL__STREAM_CONTROLLER_HPP_
 #define FLEXGEN_MODEL__STREAM_CONTROLLER_HPP_
 
@@ -16,7 +20,11 @@
 #include <rclcpp_lifecycle/state.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 
+#if MODEL_POSITION
+#include "flexgen_model/position_window.hpp"
+#else /* MODEL_POSITION */
 #include "flexgen_model/cascade.hpp"
+#endif /* MODEL_POSITION */
 #if MODEL_FORCE
 #include "flexgen_model/force_ramp.hpp"
 #endif /* MODEL_FORCE */
@@ -39,7 +47,14 @@ namespace flexgen_space
 // controller is activated they are zero.
 #endif /* MODEL_FORCE */
 //
+#if MODEL_POSITION
+// An update has `samples_per_position` samples of the servo of the robot, whose gains are those of the model file, and the
+// robot interpolates from the position of an update to that of the next.
+//
+// Where update returns an error, and where the controller is deactivated, the robot keeps its last position.
+#else /* MODEL_POSITION */
 // Where update returns an error, and where the controller is deactivated, the efforts are set to 0.
+#endif /* MODEL_POSITION */
 //
 // update neither allocates nor waits, and has a bounded number of operations.
 class StreamController : public controller_interface::ChainableControllerInterface
@@ -86,7 +101,11 @@ class StreamController : public controller_interface::ChainableControllerInterfa
 
     bool read_parameters();
     bool measure();
+#if MODEL_POSITION
+    bool read_interface();
+#else /* MODEL_POSITION */
     bool release_motors();
+#endif /* MODEL_POSITION */
     int begin_interval();
 #if MODEL_FORCE
     void give_force(const double *sample);
@@ -97,9 +116,17 @@ class StreamController : public controller_interface::ChainableControllerInterfa
     double start_tolerance_ = 0.0;
     std::vector<double> start_output_, q_start_;
     model_stream_options options_{};
+#if MODEL_POSITION
+    model_servo servo_{};
+    model_robot_interface robot_{};
+    PositionWindow window_;
+
+    std::vector<double> memory_, q_m_, tau_m_, command_m_; // of the stream; of an interval
+#else /* MODEL_POSITION */
     Cascade<MODEL_NM> cascade_;
 
     std::vector<double> memory_, q_m_, tau_m_; // of the stream; of an interval
+#endif /* MODEL_POSITION */
     model_stream stream_{};                    // in this memory
     std::array<double, SAMPLE> held_{};        // the last sample, at rest
     model_stream_info info_{};

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "flexgen_model/arm.hpp"
 #include "flexgen_model/inverse_dynamics.hpp"
 #include "flexgen_model/stream_controller.hpp"
 #include <pluginlib/class_loader.hpp>
@@ -121,21 +122,44 @@ static int controller()
     const auto made = loader.createUniqueInstance("flexgen_model/StreamController");
     auto *const stream = static_cast<flexgen_model::StreamController *>(made.get());
     using Result = controller_interface::CallbackReturn;
-    if (stream->on_init() != Result::SUCCESS || stream->on_configure({}) != Result::FAILURE) {
-        return 2; // without gains
+    if (stream->on_init() != Result::SUCCESS) {
+        return 1;
     }
     auto &parameters = stream->get_node()->parameters;
+#if MODEL_POSITION
+    const int each = static_cast<int>(next());
+    parameters["samples_per_position"] = std::int64_t{3};
+    if (stream->on_configure({}) != Result::FAILURE) {
+        return 15; // no divisor
+    }
+    parameters["samples_per_position"] = static_cast<std::int64_t>(each);
+    parameters["positions_ahead"] = static_cast<std::int64_t>(next());
+    parameters["interpolation"] = std::string("square");
+    if (stream->on_configure({}) != Result::FAILURE) {
+        return 16;
+    }
+    parameters["interpolation"] = std::string(next() != 0 ? "cubic" : "linear");
+#else /* MODEL_POSITION */
+    if (stream->on_configure({}) != Result::FAILURE) {
+        return 2; // without gains
+    }
     for (const char *name : {"position_gain", "speed_gain", "integral_gain", "torque_max"}) {
         parameters[name] = vector(MODEL_NM);
     }
+#endif /* MODEL_POSITION */
     parameters["start_tolerance"] = next();
     parameters["queue"] = static_cast<std::int64_t>(queue);
     made->stub_set(999);
     if (stream->on_configure({}) != Result::FAILURE) {
         return 3; // another update rate
     }
+#if MODEL_POSITION
+    made->stub_set(static_cast<unsigned int>(
+        0.5 + flexgen_model::SAMPLES_PER_INTERVAL / MODEL_STREAM_PERIOD / each));
+#else /* MODEL_POSITION */
     made->stub_set(static_cast<unsigned int>(
         0.5 + MODEL_STREAM_SAMPLES_PER_INTERVAL / MODEL_STREAM_PERIOD));
+#endif /* MODEL_POSITION */
     if (stream->on_configure({}) != Result::SUCCESS || stream->get_node()->topics.at(0) != "~/reference") {
         return 4;
     }
@@ -157,7 +181,12 @@ static int controller()
         states.emplace_back(&positions[j]);
     }
     made->assign_interfaces(std::move(commands), std::move(states));
-    if (stream->command_interface_configuration().names.at(0) != std::string(FIRST_MOTOR) + "/effort") {
+#if MODEL_POSITION
+    const std::string commanded = "/position";
+#else /* MODEL_POSITION */
+    const std::string commanded = "/effort";
+#endif /* MODEL_POSITION */
+    if (stream->command_interface_configuration().names.at(0) != FIRST_MOTOR + commanded) {
         return 6;
     }
     made->set_chained_mode(chained);
@@ -204,9 +233,15 @@ static int controller()
         write(efforts);
     }
     stream->on_deactivate({});
+#if MODEL_POSITION
+    if (at_zero()) {
+        return 13; // the last positions stay
+    }
+#else /* MODEL_POSITION */
     if (!at_zero()) {
         return 13;
     }
+#endif /* MODEL_POSITION */
     const std::vector<double> last = {static_cast<double>(allocations)};
     write(last);
     return 0;

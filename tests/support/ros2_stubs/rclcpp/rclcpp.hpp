@@ -48,6 +48,10 @@ public:
     {
         return std::get<std::vector<double>>(value_);
     }
+    std::string as_string() const
+    {
+        return std::get<std::string>(value_);
+    }
     std::vector<std::string> as_string_array() const
     {
         return std::get<std::vector<std::string>>(value_);
