@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import os
 import shutil
 import subprocess
 import tempfile
@@ -30,10 +31,15 @@ def _folder() -> Path:
     return Path(folder)
 
 
-@cache
 def made(name: str, *parts: str) -> GeneratedLibrary:
-    """The library of a model, with optional parts; not to be changed."""
-    return generate(name, _folder() / "-".join([name, *parts]), parts=parts)
+    """The library of a model, with optional parts; not to be changed. Each choice of the compiler has its own."""
+    return _made(name, parts, os.environ.get("CC"))
+
+
+@cache
+def _made(name: str, parts: tuple[str, ...], compiler: str | None) -> GeneratedLibrary:
+    folder = "-".join([name, *parts, *(["chosen"] if compiler else [])])
+    return generate(name, _folder() / folder, parts=parts)
 
 
 def loaded(name: str, *parts: str) -> Library:
