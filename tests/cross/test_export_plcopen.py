@@ -256,6 +256,7 @@ def torques_with_memory(folder: Path, forgets: str = "") -> np.ndarray:
     return np.reshape(found, (2, -1, 2))
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
     """Each start begins without torques of hysteresis and bristles; what an update forgets is seen."""

@@ -345,6 +345,7 @@ def test_the_force_of_samples_and_messages_reaches_the_stream(pushed, tmp_path, 
     assert difference > 1.0 if planted else difference < 1e-9
 
 
+@pytest.mark.slow
 def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
     import yaml
 

@@ -77,6 +77,7 @@ def test_a_robot_with_24_coordinates_passes(tmp_path):
     assert run.returncode == 0 and run.stdout.startswith("PASS"), run.stdout
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_gears_and_motors_with_memory_pass_and_what_they_forget_is_seen(tmp_path):
     flexgen.export_selftest(remembering(), tmp_path)

@@ -73,6 +73,7 @@ def difference_to_mujoco(run: flexgen.ControlRun, parts: int = 8) -> float:
     return float(np.abs(np.array(moved)[:, model.n_a :] - q_m).max() / np.abs(q_m - wanted).max())
 
 
+@pytest.mark.slow
 def test_mujoco_under_the_torques_of_the_loop_moves_as_the_robot_in_it(equations, force, monkeypatch):
     assert difference_to_mujoco(flexgen.control(equations, force=force, assumed_force=0.0)) < 1e-2
     right = ProcessForce.mean
@@ -147,6 +148,7 @@ def test_gears_with_hysteresis_feel_the_force():
     assert errors[0] < 2e-5 < 2e-4 < errors[1]
 
 
+@pytest.mark.slow
 def test_command_figures_and_report(tmp_path, equations, force, capsys):
     t = np.linspace(0.0, duration_of(equations), 2001)
     solution = flexgen.solve(equations, force=force, verify=False, progress=False)

@@ -60,6 +60,7 @@ def solved_with_force(move: flexgen.Move) -> flexgen.Solution:
     return flexgen.solve(MODEL, move, force=force, ignore_limits=True, progress=False)
 
 
+@pytest.mark.slow
 def test_the_limits_are_kept_with_the_force_and_reached(quick):
     checked = solved_with_force(quick.move)
     assert checked.tool_error_max_m < 1e-8 and 0.995 < use_of_torque(checked) < 1.001
@@ -100,6 +101,7 @@ def test_vibrations_are_those_of_control(quick):
         assert abs(np.linalg.norm(error[after], axis=1).max() - size) < 0.03 * size
 
 
+@pytest.mark.slow
 def test_a_program_keeps_the_limits_and_its_places():
     steps = (flexgen.MoveL((-0.12, 0.0, 0.0), pause=0.1), flexgen.MoveL((0.0, 0.12, 0.0)))
     tool, joints = (0.4, 2.0, 30.0, 600.0), (1.0, 5.0, 60.0, 900.0)

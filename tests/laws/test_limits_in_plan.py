@@ -84,6 +84,7 @@ def test_a_torque_that_may_jump_exceeds_its_rate(equations, free, monkeypatch):
     assert part_of(calmest(equations, limits), limits) > 1.05
 
 
+@pytest.mark.slow
 def test_torques_of_rigid_gears():
     """What goes through a rigid gear: the torque of the motor less those of its rotor and friction."""
     gears = {

@@ -90,6 +90,7 @@ def test_a_program_is_faster_and_keeps_every_limit(given: dict[str, np.ndarray],
     assert found.rigid_s < found.duration_s
 
 
+@pytest.mark.slow
 def test_the_program_with_its_laws_is_a_program_like_others(found: flexgen.FastestMove) -> None:
     """The same path with the same speeds of the steps and the same pause."""
     move = found.move

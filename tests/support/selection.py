@@ -142,7 +142,7 @@ SLOW_CASES = {
         "synthetic_spinning",
     },
     "cross/test_cuda_kernels.py": {"elbow"},
-    "cross/test_loop_hysteresis.py": {"deflection_rates--1.0", "deflection_rates-0.9"},
+    "cross/test_loop_hysteresis.py": {"generalized_force--1.0", "deflection_rates--1.0", "deflection_rates-0.9"},
     "cross/test_loop_lugre.py": {"motor_force--1.0"},
     "cross/test_process_force.py": {"planar5_nmp", "elbow"},
     "cross/test_bvp.py": {"undamped", "zeros change", "flat", "clang", "wrong interval length", "rows swapped"},
@@ -179,7 +179,7 @@ SLOW_CASES = {
         "exchanged torques of m1 and m2",
         "torques that act 0.3 ms later than stated",
     },
-    "laws/test_end_of_the_move.py": {"beam_arm"},
+    "laws/test_end_of_the_move.py": {"planar5_nmp", "beam_arm"},
     "laws/test_fmu_sampled.py": {"6.0"},
     "laws/test_hold.py": {"hold1-False", "hold2", "hold3-True", "hold4", "hold5", "hold6"},
     "laws/test_identify.py": {"transposed"},
@@ -258,6 +258,9 @@ SLOW_CASES = {
     "unit/test_fmu_export.py": {"config-", "warnings-", "plant-", "controller-"},
     "unit/test_generate.py": {"empty", "swapped"},
     "laws/test_damped_gears.py": {"four_bounds-auto", "fast-auto"},
+    "laws/test_limits_in_plan.py": {"tool_acceleration", "joint_acceleration"},
+    "laws/test_force_in_fastest.py": {"time"},
+    "unit/test_library_cache.py": {"bvp-bvp"},
 }
 # Slow cases of a minute each, of which a shorter one stays: `make test-full` runs them.
 FULL_CASES = {

@@ -83,6 +83,7 @@ def test_starts_of_a_fit_out_of_range_are_refused():
         graybox._check(robot, Data(), "nls", None, 10**9, 2.0)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_search_for_the_fastest_motion_ends_at_its_time_limit():
     began = perf_counter()
