@@ -237,7 +237,7 @@ def test_a_run_under_sanitizers_reports_nothing(name, precision, tmp_path):
     assert clients.answer([str(plain)], given(name, folder), tmp_path) == checked
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_parameters_are_shared_by_all_points(tmp_path):
     """With the values of the model file as arguments: the same calls, and the results of the library without them."""
     gcc, plain = tool("gcc"), made("elbow").directory
@@ -304,7 +304,7 @@ def test_the_controller_runs_at_one_kilohertz_against_the_library(tmp_path):
     assert 5.0 < alone < 50.0 and 0.0 < fed < alone / 5.0
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_two_models_live_in_one_cpp_program(tmp_path):
     cpp = shutil.which("c++") or tool("g++")
     folders = [made(name).directory for name in ("planar5_nmp", "elbow")]

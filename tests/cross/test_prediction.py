@@ -137,7 +137,7 @@ def test_shares_are_those_of_single_sources():
     assert without.error_m is not None and found.error_m is not None and without.error_m <= 0.55 * found.error_m
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_fastest_move_against_95_percent_leaves_torque_for_them():
     """At each instant 95 % of the robots keep the torque limits; without ``against`` fewer do."""
     given = {"stiffness": 0.1, "masses": 0.05, "payload": 0.3}

@@ -148,7 +148,7 @@ def test_random_robots(case):
     check_all(case)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @hypothesis.given(cases())
 @hypothesis.settings(max_examples=20, deadline=None, derandomize=True)
 def test_many_random_robots(case):

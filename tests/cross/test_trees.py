@@ -62,7 +62,7 @@ def test_functions_of_a_sample_of_random_trees_agree():
     on_trees(check_tree, SAMPLE)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_functions_of_more_random_trees_agree():
     on_trees(check_tree, MORE, start=1)
 

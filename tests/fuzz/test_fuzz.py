@@ -46,7 +46,7 @@ def test_few_mutations_are_read_or_refused(target, seeds):
     assert not findings, show(findings)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.parametrize("target", TARGETS)
 def test_many_mutations_are_read_or_refused(target, seeds):
     findings = run_cases(target, seeds(target), QUICK, SLOW // 3 if target == "identification" else SLOW)  # 40 ms each

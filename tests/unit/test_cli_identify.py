@@ -57,7 +57,7 @@ def test_a_spring_is_found_and_written(folder, capsys, tmp_path):
     assert (report / "residuals.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_second_level_says_whether_the_robot_is_nonlinear(folder, capsys, tmp_path):
     """Coulomb friction of m1 that the model lacks: three times the speed of the experiment, and the experiment."""
     friction = ["--set", "motor.m1.friction.coulomb=0.04", "--set", "motor.m1.friction.beta=20"]
