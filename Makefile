@@ -70,8 +70,8 @@ test: $(VENV)/.test                ## the quick tests (about 5 minutes on two co
 	@echo "flexgen: quick tests, about 5 minutes on two cores"
 	@$(RUN_TESTS) -m 'not slow and not full and not robots' $(PYTEST)
 
-test-slow: $(VENV)/.test           ## the other tests (about 25 minutes on two cores)
-	@echo "flexgen: slow tests, about 25 minutes on two cores"
+test-slow: $(VENV)/.test           ## the other tests (about half an hour on two cores)
+	@echo "flexgen: slow tests, about half an hour on two cores"
 	@$(RUN_TESTS) -m 'slow and not full and not robots' $(PYTEST)
 
 test-full: $(VENV)/.test           ## what takes longer still: large random samples, large robots
