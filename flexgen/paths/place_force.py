@@ -15,14 +15,11 @@ from scipy.interpolate import PPoly
 
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.paths.force_files import read_force
 from flexgen.paths.path import Path
-from flexgen.paths.process_force import CHANNEL, ProcessForce, make_force
-from flexgen.paths.tool_force import LABELS, UNITS
-from flexgen.spec.ports import Port
+from flexgen.paths.process_force import ProcessForce, make_force
 from flexgen.trajectory import Trajectory
-from flexgen.trajectory_files import common_unit
 
-LINE_MAX, ROWS_MAX = 1000, 200_000  # characters, rows of a file
 EXPECTED = (
     "the force over the place on the path, which is 0 at its start and 1, 2, ... at the ends of its motions: an array "
     "(n, 3) [N] of samples at equal steps of the place, (n, 6) with moments [N m], (n, 2) for a planar robot; a "
@@ -65,24 +62,8 @@ def in_time(force: ProcessForce, path: Path) -> ProcessForce:
 
 def _read(file: FilePath, last: float) -> Trajectory:
     """The columns of a file, with the place in place of the time; it covers the path."""
-    try:
-        with file.open(encoding="utf-8-sig") as stream:
-            names = [name.strip() for name in stream.readline(LINE_MAX).split(",")]
-            rows = np.loadtxt(stream, delimiter=",", ndmin=2, max_rows=ROWS_MAX)
-    except (OSError, ValueError) as error:
-        raise ArgumentError(f"force: file {file} cannot be read ({error}), expected {EXPECTED}") from None
-    labels = LABELS[: len(names) - 1]
-    if names != ["place", *labels] or len(labels) not in (3, 6):
-        raise ArgumentError(f"force: given the columns {', '.join(names)} in {file}, expected {EXPECTED}")
-    if rows.shape[1] != len(names) or len(rows) < 2 or not np.isfinite(rows).all() or (np.diff(rows[:, 0]) <= 0).any():
-        raise ArgumentError(
-            f"force: given {len(rows)} rows in {file}, expected two or more of {len(names)} finite numbers, the places "
-            "increasing"
-        )
-    if rows[0, 0] > 0.0 or rows[-1, 0] < last:
-        raise ArgumentError(
-            f"force: given the places {rows[0, 0]:g} to {rows[-1, 0]:g} in {file}, expected 0 to {last:g}, the path"
-        )
-    units = UNITS[: len(labels)]
-    port = Port(CHANNEL, (len(labels),), common_unit(units), "force on the tool")
-    return Trajectory(rows[:, 0], {CHANNEL: rows[:, 1:]}, {CHANNEL: port}, {CHANNEL: labels}, {}, {CHANNEL: units})
+    found = read_force(file, "place", EXPECTED)
+    begin, end = found.time[0], found.time[-1]
+    if begin > 0.0 or end < last:
+        raise ArgumentError(f"force: given the places {begin:g} to {end:g} in {file}, expected 0 to {last:g}, the path")
+    return found

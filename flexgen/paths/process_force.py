@@ -19,6 +19,7 @@ from scipy.interpolate import PPoly
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.paths.force_files import is_table, read_force
 from flexgen.paths.tool_force import CHANNEL, LABELS, UNITS
 from flexgen.torque_curve import spline
 from flexgen.trajectory import Trajectory
@@ -27,8 +28,8 @@ STEP, SAMPLES = 2.5e-4, 200_001  # s: between the samples of a function of time,
 RESOLVED = 0.25  # interval of a mesh times the angular frequency of a force that it resolves
 EXPECTED = (
     "an array (n, 3) [N] of samples at equal steps from the start to the end of the path, (n, 6) with moments [N m], "
-    "(n, 2) for a planar robot; a function of the time [s] that returns one; or a Trajectory, or its file, with the "
-    "channel force"
+    "(n, 2) for a planar robot; a function of the time [s] that returns one; a Trajectory, or its file, with the "
+    "channel force; or a CSV file with the columns time_s, fx, fy, fz (, mx, my, mz)"
 )
 
 
@@ -94,8 +95,11 @@ class ProcessForce:
 
 def make_force(given: Any, model: RobotModel, duration: float, expected: str = EXPECTED) -> ProcessForce:
     """The force along a path of this duration [s] from what a user gives; ArgumentError unless as ``expected``."""
-    if isinstance(given, str | Path | Trajectory):
-        t, values = _from_trajectory(Trajectory.load(given) if isinstance(given, str | Path) else given, duration)
+    if isinstance(given, str | Path):
+        file = Path(given)
+        given = read_force(file, "time_s", expected) if is_table(file) else Trajectory.load(file)
+    if isinstance(given, Trajectory):
+        t, values = _from_trajectory(given, duration)
     elif callable(given):
         t, values = _from_function(given, duration, expected)
     else:

@@ -297,13 +297,32 @@ def test_array_function_and_file_are_the_same(tmp_path, capsys):
     data = Trajectory(t, {"force": values}, {"force": Port("force", (3,), "N", "milling")}, {"force": tuple("xyz")})
     file = data.save(tmp_path / "force.csv")
     c = flexgen.solve(equations, force=str(file), verify=False, progress=False)
-    for other in (b, c):
+    table = tmp_path / "plain.csv"
+    np.savetxt(table, np.column_stack([t, values]), delimiter=",", header="time_s,fx,fy,fz", comments="")
+    d = flexgen.solve(equations, force=table, verify=False, progress=False)
+    for other in (b, c, d):
         np.testing.assert_allclose(other.trajectory["tau_m"], a.trajectory["tau_m"], atol=1e-3)
     assert abs(a.to_dict()["force_max_N"] - SIZE) < 1.0
     assert main(["solve", "planar5_nmp", "--force", str(file), "--out", str(tmp_path / "out.npz")]) == 0
     saved = Trajectory.load(tmp_path / "out.npz")
     assert saved["force"].shape == (len(saved.time), 6)
     assert flexgen.simulate(equations, saved).tool_error_max_m < 1e-7  # the saved force acts in a simulation
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("t,fx,fy,fz\n0,1,2,3\n9,1,2,3\n", r"given the columns t, fx, fy, fz in .*, expected .*columns time_s, fx"),
+        ("time_s,fx,fy,fz\n0,1,2,3\n0,1,2,3\n", "given 2 rows in .*, expected two or more of 4 finite numbers, time_s"),
+        ("time_s,fx,fy,fz\n0,1,2,x\n", "cannot be read"),
+        ("time_s,fx,fy,fz\n0,1,2,3\n0.1,1,2,3\n", "given from 0 to 0.1 s, expected at least from 0 to 0.5 s"),
+    ],
+)
+def test_a_wrong_table_is_refused(text, words, tmp_path):
+    file = tmp_path / "force.csv"
+    file.write_text(text)
+    with pytest.raises(ArgumentError, match=words):
+        make_force(file, flexgen.read("planar5_nmp"), 0.5)
 
 
 @pytest.mark.parametrize(

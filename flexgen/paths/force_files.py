@@ -1,0 +1,45 @@
+"""CSV files of a force on the tool, over time or over the place on a path: a row of names, then numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.paths.tool_force import CHANNEL, LABELS, UNITS
+from flexgen.spec.ports import Port
+from flexgen.trajectory import Trajectory
+from flexgen.trajectory_files import common_unit
+
+LINE_MAX, ROWS_MAX = 1000, 200_000  # characters, rows of a file
+
+
+def is_table(file: Path) -> bool:
+    """Whether a file is a CSV file without the meta data of a trajectory."""
+    try:
+        with file.open("rb") as stream:
+            return file.suffix.lower() == ".csv" and not stream.read(4).removeprefix(b"\xef\xbb\xbf").startswith(b"#")
+    except OSError:
+        return False
+
+
+def read_force(file: Path, first: str, expected: str) -> Trajectory:
+    """The columns ``first``, fx, fy, fz (, mx, my, mz) of a file, the first one as time; ArgumentError for others."""
+    try:
+        with file.open(encoding="utf-8-sig") as stream:
+            names = [name.strip() for name in stream.readline(LINE_MAX).split(",")]
+            rows = np.loadtxt(stream, delimiter=",", ndmin=2, max_rows=ROWS_MAX)
+    except (OSError, ValueError) as error:
+        raise ArgumentError(f"force: file {file} cannot be read ({error}), expected {expected}") from None
+    labels = LABELS[: len(names) - 1]
+    if names != [first, *labels] or len(labels) not in (3, 6):
+        raise ArgumentError(f"force: given the columns {', '.join(names)} in {file}, expected {expected}")
+    if rows.shape[1] != len(names) or len(rows) < 2 or not np.isfinite(rows).all() or (np.diff(rows[:, 0]) <= 0).any():
+        raise ArgumentError(
+            f"force: given {len(rows)} rows in {file}, expected two or more of {len(names)} finite numbers, {first} "
+            "increasing"
+        )
+    units = UNITS[: len(labels)]
+    port = Port(CHANNEL, (len(labels),), common_unit(units), "force on the tool")
+    return Trajectory(rows[:, 0], {CHANNEL: rows[:, 1:]}, {CHANNEL: port}, {CHANNEL: labels}, {}, {CHANNEL: units})
