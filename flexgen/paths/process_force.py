@@ -97,6 +97,8 @@ def make_force(given: Any, model: RobotModel, duration: float, expected: str = E
     """The force along a path of this duration [s] from what a user gives; ArgumentError unless as ``expected``."""
     if isinstance(given, str | Path):
         file = Path(given)
+        if not file.exists():
+            raise ArgumentError(f"force: given the file {str(file)!r}, which does not exist, expected {expected}")
         given = read_force(file, "time_s", expected) if is_table(file) else Trajectory.load(file)
     if isinstance(given, Trajectory):
         t, values = _from_trajectory(given, duration)

@@ -92,8 +92,8 @@ def test_gears_and_motors_with_memory_pass_and_what_they_forget_is_seen(tmp_path
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_an_elastic_arm_with_memory_passes(precision, tmp_path):
     numbers = {motor: NUMBERS for motor in ("m1", "m2")}
-    model = bristled("planar5_nmp", numbers, **{f"element.{arm}.gear.hysteresis": SLIPPING for arm in
-                                               ("arm1.dof.q1", "arm2.dof.q2")})  # fmt: skip
+    gears = {f"element.{joint}.gear.hysteresis": SLIPPING for joint in ("arm1.dof.q1", "arm2.dof.q2")}
+    model = bristled("planar5_nmp", numbers, **gears)
     made = flexgen.export_selftest(model, tmp_path, precision=precision)
     command = [tool("gcc"), *PLAIN, "-c", "planar5_nmp.c"]
     subprocess.run(command, cwd=made.path, check=True)

@@ -320,6 +320,8 @@ def test_array_function_and_file_are_the_same(tmp_path, capsys):
 )
 def test_a_wrong_table_is_refused(text, words, tmp_path):
     file = tmp_path / "force.csv"
+    with pytest.raises(ArgumentError, match=r"force: given the file .*, which does not exist"):
+        make_force(file, flexgen.read("planar5_nmp"), 0.5)
     file.write_text(text)
     with pytest.raises(ArgumentError, match=words):
         make_force(file, flexgen.read("planar5_nmp"), 0.5)
