@@ -46,6 +46,7 @@ NEWER = (
     "Sensor.gauge",
     "Sensor.offset",
     "Tolerances.lost_motion",
+    "Tolerances.delay",
 )  # left out where empty or of the default: digests from before there were these fields stay
 
 

@@ -369,6 +369,9 @@ def library_spec(
     )
 
 
+_ADDED = (("payload", "kg"), ("delay", "s"))  # whose standard deviations are not relative
+
+
 def _accuracy(model: RobotModel) -> tuple[str, ...]:
     """Standard deviations from ``[uncertainty]``; names of the model's numbers, never the text of the file."""
     given = model.uncertainty
@@ -377,7 +380,7 @@ def _accuracy(model: RobotModel) -> tuple[str, ...]:
     from flexgen.mechanics.parameters import select  # loads CasADi, which a library that exists does not need
 
     lines = [f"{kind} {100 * sd:.3g} %" for kind in KINDS if (sd := getattr(given, kind))]
-    lines += [f"payload {given.payload:.3g} kg"] if given.payload else []
+    lines += [f"{name} {sd:.3g} {unit}" for name, unit in _ADDED if (sd := getattr(given, name))]
     spread = dict(zip(given.parameters, given.sd, strict=True))
     named = [p.name for p in select(model, given.parameters) if p.name in spread]
     return (*lines, *(f"{name} {100 * spread[name]:.3g} %" for name in named))

@@ -162,6 +162,7 @@ UNCERTAINTY = Format(
     (
         *(Key(kind, _SD, _SPREAD.format(f"each {kind}"), default=0.0) for kind in KINDS),
         Key("payload", number(least=0.0), "standard deviation of the mass of the payload", "kg", 0.0),
+        Key("delay", number(least=0.0), "standard deviation of what the torques are late in addition", "s", 0.0),
         Key("common", words(), "kinds whose numbers all have the same relative error", default=()),
         Key("parameters", words(), "numbers by name, in place of those of their kinds", default=()),
         Key("sd", _each(1), _SPREAD.format("each of the parameters"), default=()),

@@ -14,7 +14,8 @@ KINDS = ("stiffness", "damping", "friction", "masses", "motor_inertia", "lost_mo
 class Tolerances:
     """Relative standard deviations of all numbers of a kind, or by name (names as in `flexgen.derive`).
 
-    ``payload`` [kg]; ``common``: kinds with one relative error; ``correlation``: of the named ones, row by row.
+    ``payload`` [kg]; ``delay`` [s] of the drives; ``common``: kinds with one relative error; ``correlation``: of the
+    named ones, row by row.
     """
 
     stiffness: float = 0.0
@@ -24,6 +25,7 @@ class Tolerances:
     motor_inertia: float = 0.0
     lost_motion: float = 0.0
     payload: float = 0.0
+    delay: float = 0.0
     common: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     sd: tuple[float, ...] = ()

@@ -18,7 +18,10 @@ DRAWN = 64  # robots
 
 
 def draw_plants(model: RobotModel, robots: int = DRAWN, seed: int = 0) -> dict[str, dict[str, float]]:
-    """Robots drawn from the table ``[uncertainty]`` as `flexgen.control` takes them: ``{"drawn_1": {...}, ...}``."""
+    """Robots drawn from the table ``[uncertainty]`` as `flexgen.control` takes them: ``{"drawn_1": {...}, ...}``.
+
+    Their delays are those of the model.
+    """
     assert model.uncertainty is not None
     sources = sources_of(model, model.uncertainty)
     errors = sources.errors(np.random.default_rng(seed).standard_normal((robots, sources.root.shape[1])))
@@ -38,12 +41,15 @@ def error_in_loop(run: ControlRun, progress: Choice = None, **options: Any) -> d
     -------
     dict
         ``robots``; ``failed``: robots that stopped early; ``error_m``, ``error_rad`` [m], [rad]: None where the output
-        has no such part, or where more than one in twenty have stopped early.
+        has no such part, or where more than one in twenty have stopped early; ``without_delay``: where the table has
+        a delay, which these robots do not have.
     """
     plants = draw_plants(run.model)
     found = control(run.model, plants=plants, solution=run.solution, progress=progress, **options)
     robots = [found[name] for name in plants]
     out: dict[str, Any] = {"robots": len(robots), "failed": sum(bool(robot.failure) for robot in robots)}
+    if run.model.uncertainty is not None and run.model.uncertainty.delay:
+        out["without_delay"] = True
     for unit in UNITS:
         key = f"error_max_{unit}"
         out[f"error_{unit}"] = None
@@ -59,5 +65,6 @@ def error_text(found: dict[str, Any]) -> str:
     sizes = [f"<= {format_size(found[f'error_{u}'], u)}" for u in UNITS if found[f"error_{u}"] is not None]
     failed = f", {found['failed']} of them stopped early" if found["failed"] else ""
     inside = int(np.ceil(LEVEL * found["robots"]))
-    drawn = f"{inside} of {found['robots']} robots drawn from [uncertainty], without disturbances{failed}"
+    without = "without disturbances and delays" if found.get("without_delay") else "without disturbances"
+    drawn = f"{inside} of {found['robots']} robots drawn from [uncertainty], {without}{failed}"
     return f"error {' and '.join(sizes) or 'not known'} of {drawn}"

@@ -21,7 +21,6 @@ from flexgen.inversion.solve import solve
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import refuse_harmonics
 from flexgen.progress import Choice, reported
 from flexgen.spec.arguments import seed_of
 from flexgen.type_checks import checked_types
@@ -85,7 +84,6 @@ def predict(
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
-    refuse_harmonics(robot, "predict")
     if robot.uncertainty is None:
         raise ArgumentError(
             f"predict: given {robot.title}, which has no table [uncertainty], expected one in the model file, such as "

@@ -7,7 +7,8 @@ deviation d of the coordinates follows from its own linearized equations:
 
 It starts at rest with the motors at the reference: the integral part of the feedback holds what the feedforward lacks.
 R, M, D and K are linear in stiffness, damping, friction and masses, so that the only error is of second order in d.
-z: torques of gears with hysteresis in addition to those of the plan, see `flexgen.uncertainty.gear_states`.
+z: torques of gears with hysteresis and of frictions with a state in addition to those of the plan, see
+`flexgen.uncertainty.memory_states`. Torques that are late by the time s add B dtau/dt s to R.
 The equations are integrated by Newmark's method of constant mean acceleration (order 2, no damping of its own).
 
 Source: N. M. Newmark, A method of computation for structural dynamics, J. Eng. Mech. Div. 85, 1959.
@@ -15,7 +16,7 @@ Source: N. M. Newmark, A method of computation for structural dynamics, J. Eng. 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -27,14 +28,18 @@ from flexgen.loop.plants import LocalDynamics
 from flexgen.loop.reference import MOTION
 from flexgen.loop.sampled_model import output_jacobian
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.motor_harmonics import gear_angles_along
 from flexgen.memory.hysteresis import without_hysteresis
+from flexgen.memory.lugre import without_lugre
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import hysteretic_joints
+from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.trajectory import Trajectory
-from flexgen.uncertainty.gear_states import LinearGears, PlannedGears, RobotGears, plan_gears
-from flexgen.uncertainty.sources import Sources, of_equations
+from flexgen.uncertainty.bristle_states import bristles_of
+from flexgen.uncertainty.gear_states import gear_rows, gears_of
+from flexgen.uncertainty.memory_states import PlannedStates, States, plan_states
+from flexgen.uncertainty.sources import DELAY, Sources, of_equations
 
 STEPS, FINEST, FEWEST, MOST = 12.0, 1e-3, 200, 1500  # a period of the speed control, least step [s], points
 KNOTS, DENSER = 60, 3.0  # instants at which matrices are evaluated, linear between them; more of them where it moves
@@ -65,8 +70,8 @@ class Along:
         Deflections of springs; ``springs``: their names, ``motors``: those of the motors.
     motion : dict of str to arrays
         The planned motion and its ``deflection``.
-    gears : PlannedGears or None
-        None: without hysteresis.
+    states : tuple of PlannedStates
+        Of gears with hysteresis, and of frictions with a state.
     """
 
     t: np.ndarray
@@ -84,7 +89,7 @@ class Along:
     springs: tuple[str, ...]
     motors: tuple[str, ...]
     motion: dict[str, np.ndarray]
-    gears: PlannedGears | None
+    states: tuple[PlannedStates, ...]
 
 
 @dataclass(frozen=True)
@@ -106,9 +111,9 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     step = max(1.0 / (STEPS * max(feedback.frequencies["speed_hz"], 1e-3)), FINEST)
     t = np.linspace(first, last, int(np.clip(np.ceil((last - first) / step), FEWEST, MOST)) + 1)
     motion = trajectory.at(t)
-    gears = plan_gears(model, sources, motion) if hysteretic_joints(model) else None
+    states = _states(model, sources, motion, float(t[1] - t[0]), feedback.rows)
     sources = of_equations(sources, model)
-    changed = derive(without_hysteresis(model), [p.name for p in sources.parameters])
+    changed = derive(without_lugre(without_hysteresis(model)), [p.name for p in sources.parameters])
     force = _forces(changed, tuple(motion[name] for name in MOTION), sources)
     knots = _knots(motion["v_a"])
     local, points = LocalDynamics(changed), tuple(motion[name][knots] for name in MOTION)
@@ -119,12 +124,15 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
         return np.asarray(make_interp_spline(t[knots], x, k=1)(t))
 
     W, units = _output_rows(equations, motion["q_a"])
-    twist, springs = _deflection_rows(model)
-    motion["deflection"] = np.hstack([motion["q_a"], motion["q_m"][:, list(model.i_m)]]) @ twist.T
+    twist, springs, motion["deflection"] = _deflections(model, motion)
     M, D, K, B = (between(x) for x in (M, D, K, B))
+    if DELAY in sources.kinds:
+        k = sources.kinds.index(DELAY)
+        late, early = (trajectory.at(np.clip(t + x * sources.sd[k], first, last))["tau_m"] for x in (-1.0, 1.0))
+        force[k] += np.einsum("kij,kj->ki", B, early - late) / (2 * sources.sd[k])
     all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
     motors = tuple(motor.name for motor in model.motors)
-    return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion, gears)
+    return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion, states)
 
 
 def _knots(v_a: np.ndarray) -> np.ndarray:
@@ -197,28 +205,45 @@ def _output_rows(equations: Equations, q_a: np.ndarray) -> tuple[np.ndarray, tup
     return W, units
 
 
-def _deflection_rows(model: RobotModel) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Rows from coordinates to deflections: of elastic gears on the arm side, and of springs without motor."""
-    n_a, back = model.n_a, np.linalg.inv(model.eta)
-    rows, names = [], []
-    for k, i in enumerate(model.i_g):
-        if np.any(back[k, list(model.i_m)]):
-            row = np.zeros(model.dof)
-            row[n_a:], row[i] = back[k, list(model.i_m)], -1.0
+def _deflections(model: RobotModel, motion: dict[str, np.ndarray]) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
+    """Rows from deviations to deflections of elastic gears, arm side, and springs without motor; their planned ones."""
+    rows, names, planned = [], [], []
+    for k, (i, row) in enumerate(zip(model.i_g, gear_rows(model), strict=True)):
+        if np.any(row[model.n_a :]):
             rows.append(row)
             names.append(model.coordinates[i].name)
+            planned.append(_gear_deflections(model, motion)[:, k])
     for i in model.i_e:
         rows.append(np.eye(model.dof)[i])
         names.append(model.coordinates[i].name)
-    return np.array(rows).reshape(len(rows), model.dof), tuple(names)
+        planned.append(motion["q_a"][:, i])
+    count = len(rows)
+    return np.array(rows).reshape(count, -1), tuple(names), np.array(planned).reshape(count, -1).T
+
+
+def _gear_deflections(model: RobotModel, motion: dict[str, np.ndarray]) -> np.ndarray:
+    """Of all gears along a motion (k, n_g), arm side."""
+    return np.asarray(gear_angles_along(model, motion["q_m"]) - motion["q_a"][:, list(model.i_g)])
+
+
+def _states(
+    model: RobotModel, sources: Sources, motion: dict[str, np.ndarray], h: float, motors: np.ndarray
+) -> tuple[PlannedStates, ...]:
+    """States of gears and of frictions along a motion in steps of ``h`` [s]; ``motors``: rows to the motor angles."""
+    out = []
+    if hysteretic_joints(model):
+        out.append(plan_states(model, sources, gears_of, gear_rows(model), _gear_deflections(model, motion)))
+    if bristled_motors(model):
+        out.append(plan_states(model, sources, lambda robots: bristles_of(robots, h), motors, motion["q_m"]))
+    return tuple(out)
 
 
 def linear_response(along: Along) -> Response:
     """Response to each source alone, to first order: for an error of 1, (k, sources, rows)."""
     parts = along.M, along.D, along.K
-    gears = None if along.gears is None else along.gears.linear()
+    states = [each.linear() for each in along.states]
     return _integrate(
-        along, len(along.force), lambda k: (parts[0][k], parts[1][k], parts[2][k]), lambda k: along.force[:, k], gears
+        along, len(along.force), lambda k: (parts[0][k], parts[1][k], parts[2][k]), lambda k: along.force[:, k], states
     )
 
 
@@ -235,8 +260,8 @@ def response(along: Along, errors: np.ndarray) -> Response:
         M, D, K = (x[k] + y + np.tensordot(errors[:, some], z, 1) for x, y, z in zip(parts, own, changes, strict=True))
         return M, D, K
 
-    gears = None if along.gears is None else along.gears.robots(errors)
-    return _integrate(along, len(errors), matrices, lambda k: errors @ along.force[:, k], gears)
+    states = [each.robots(errors) for each in along.states]
+    return _integrate(along, len(errors), matrices, lambda k: errors @ along.force[:, k], states)
 
 
 def _integrate(
@@ -244,7 +269,7 @@ def _integrate(
     robots: int,
     matrices: Callable[[int], Matrices],
     force: Callable[[int], np.ndarray],
-    gears: RobotGears | LinearGears | None,
+    states: Sequence[States],
 ) -> Response:
     """Integrate the deviations; ``matrices`` (n, n) or (robots, n, n) and ``force`` (robots, n) at an instant."""
     f, h, C = along.feedback, along.t[1] - along.t[0], along.feedback.rows
@@ -255,7 +280,8 @@ def _integrate(
     w = -(d @ (k_p * C).T)
     out = Response(*(np.empty((len(along.t), robots, m)) for m in (along.W.shape[1], n_m, len(along.twist))))
     per_torque = (1.0 + k_i * h / 2) * k_s
-    before = np.zeros((robots, 0)) if along.gears is None else d @ along.gears.rows.T
+    for each in states:
+        each.start(d)
     for k in range(len(along.t)):
         if k:
             if k % 50 == 0:
@@ -267,17 +293,13 @@ def _integrate(
             u_0 = k_s * (w_0 + k_i * (total + h / 2 * (w + w_0)))
             left = M + h / 2 * D + h * h / 4 * K + along.B[k] @ (per_torque[:, None] * in_w)
             right = u_0 @ along.B[k].T - force(k) - _times(D, v) - _times(K, d)
-            if gears is not None and along.gears is not None:
-                P = along.gears.rows
-                change = d @ P.T - before
-                z = gears.after(k, change)
-                left = left + h * h / 4 * (P.T * gears.tangent(k, z, change)[..., None, :]) @ P
-                right = right - gears.torque(k, z) @ P
+            for each in states:
+                own, rise = each.at(k, d)
+                left, right = left + h * h / 4 * rise, right - own
             a = np.linalg.solve(left, right.T).T if left.ndim == 2 else np.linalg.solve(left, right[..., None])[..., 0]
             d, v = d + h * h / 4 * a, v + h / 2 * a
-            if gears is not None and along.gears is not None:
-                gears.z = gears.after(k, d @ P.T - before)
-                before = d @ P.T
+            for each in states:
+                each.keep(k, d)
             w_1 = w_0 - a @ in_w.T
             total, w = total + h / 2 * (w + w_1), w_1
             u = k_s * (w + k_i * total)

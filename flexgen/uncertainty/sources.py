@@ -6,7 +6,8 @@ Source i of value p_i has the relative error
     x_i = s_i sum_j L_ij z_j,   p_i (1 + x_i),   z_j independent, normal, of variance 1,   s_i: its standard deviation
 
 A number whose standard deviation is above `WEAK` is drawn log-normally, with the median of the file and the same ratio
-of standard deviation to mean: it stays positive. A mass that is added to the payload may be negative, down to none.
+of standard deviation to mean: it stays positive. A mass that is added to the payload may be negative, down to none. The
+delay of the drives is a time [s] by which the torques are later than the loop knows.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.plants import FORCES
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import hysteretic_joints
+from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.spec.parts import Tolerances
 
 WEAK = 0.2  # relative standard deviation; a normal number of this one is negative once in 3.5 million
-PAYLOAD, LOST = "payload.mass", "lost_motion"
+PAYLOAD, LOST, DELAY = "payload.mass", "lost_motion", "delay"
 NONE = -1
 ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
 
@@ -37,10 +38,10 @@ class Sources:
     ----------
     names : tuple of str (n,)
     kinds : tuple of str (n,)
-        ``stiffness``, ``damping``, ``friction``, ``masses``, ``motor_inertia``, ``lost_motion``, ``payload`` or
-        ``parameters``.
+        ``stiffness``, ``damping``, ``friction``, ``masses``, ``motor_inertia``, ``lost_motion``, ``payload``,
+        ``delay`` or ``parameters``.
     sd : array (n,)
-        Relative standard deviations, of the payload [kg].
+        Relative standard deviations, of the payload [kg], of the delay [s].
     root : array (n, m)
         Rows of length 1: errors of the sources, over their standard deviations, from independent ones.
     parameters : tuple of Parameter (n_p,)
@@ -64,7 +65,7 @@ class Sources:
     @property
     def added(self) -> np.ndarray:
         """Which sources are added to their number, (n,); the others multiply it."""
-        return np.array([kind == "payload" for kind in self.kinds])
+        return np.array([kind in ("payload", DELAY) for kind in self.kinds])
 
     @property
     def springs(self) -> np.ndarray:
@@ -73,13 +74,14 @@ class Sources:
         return np.array([k in stiff for k in range(len(self.names))])
 
     def errors(self, z: np.ndarray) -> np.ndarray:
-        """Relative errors, of the payload [kg], of robots from independent normal numbers ``z`` (robots, m)."""
+        """Relative errors, of the payload [kg], of the delay [s], from independent normal numbers ``z`` (robots, m)."""
         x: np.ndarray = z @ self.root.T
         log_sd = np.sqrt(np.log1p(self.sd**2))
         x = np.where((self.sd > WEAK) & ~self.added, np.expm1(x * log_sd), x * self.sd)
-        lowest = np.full(len(self.sd), -1.0)
-        if self.added.any():
-            lowest[self.added] = -self.nominal[self.owner == np.flatnonzero(self.added)[0]]
+        lowest = np.where(self.added, -np.inf, -1.0)
+        for k, parameter in zip(self.owner, self.parameters, strict=True):
+            if k != NONE and self.kinds[k] == "payload":
+                lowest[k] = -parameter.value
         return np.maximum(x, lowest)
 
     @property
@@ -97,11 +99,11 @@ class Sources:
 
 
 def of_equations(sources: Sources, model: RobotModel) -> Sources:
-    """The sources with those of their numbers that equations of motion without hysteresis have.
+    """The sources with those of their numbers that equations of motion without states have.
 
     Where they have none, the mass of the payload, which no source changes.
     """
-    kept = [k for k, p in enumerate(sources.parameters) if ".hysteresis." not in p.key]
+    kept = [k for k, p in enumerate(sources.parameters) if ".hysteresis." not in p.key and ".lugre." not in p.key]
     if not kept:
         return replace(sources, parameters=select(model, [PAYLOAD]), owner=np.array([NONE]))
     return replace(sources, parameters=tuple(sources.parameters[k] for k in kept), owner=sources.owner[kept])
@@ -127,7 +129,7 @@ def sources_of(model: RobotModel, given: Tolerances) -> Sources:
     for kind, sd, groups in _kinds(model, given):
         for name, parameters in groups.items():
             free = [p for p in parameters if p.name not in taken and (p.value != 0.0 or kind == "payload")]
-            if sd > 0.0 and free:
+            if sd > 0.0 and (free or kind == DELAY):
                 rows.append((name, kind, sd, free))
     uncertain = [p for p in named if given.sd[given.parameters.index(p.name)] > 0.0]
     order = [given.parameters.index(p.name) for p in uncertain]
@@ -158,7 +160,12 @@ def _kinds(model: RobotModel, given: Tolerances) -> list[tuple[str, float, dict[
     lost: dict[str, list[Parameter]] = {}
     for parameter in select(model, [LOST]) if hysteretic_joints(model) else ():
         lost.setdefault(f"{parameter.name.partition('.')[0]}.{LOST}", []).append(parameter)
+    for motor in bristled_motors(model):
+        single["friction"][f"{motor}.lugre"] = list(
+            select(model, [f"{motor}.lugre_{x}" for x in ("coulomb", "static")])
+        )
     found = {"stiffness": springs, **single, "masses": masses, "motor_inertia": rotors, LOST: lost, "payload": payload}
+    found |= {DELAY: {DELAY: []}}
     return [(kind, getattr(given, kind), groups) for kind, groups in found.items()]
 
 
