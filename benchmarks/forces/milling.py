@@ -26,15 +26,15 @@ from flexgen.trajectory import Trajectory
 
 ROBOTS = {"planar5_nmp": (0.6, 0.8), "manutec_r3_24": (0.6, 0.48, 0.64)}
 HZ, SIZE, RAMP = 40.0, 300.0, 0.05  # Hz, N, s
-ROUNDS, PERIOD, INTERVAL = 40, 1e-3, 4  # of the measurement of the cost: rounds, s, samples of an interval
+ROUNDS, PERIOD, INTERVAL = 150, 1e-3, 4  # of the measurement of the cost: rounds, s, samples of an interval
 FILE = Path(__file__).parents[1] / "process_force.md"
 HEAD = """# A known force on the tool
 
 Written by `python benchmarks/forces/milling.py --write`: 300 N at 40 Hz (four flutes at 600 1/min) on the tool along
 the first move. Largest tool errors [um] of simulations with the true force: with torques that do not know it, that know
 it, and that assume one that is 20 % too small; in open loop, and with motor feedback. Cost: time of `invert` with the
-force over that without it, same library, same mesh of 4 ms, in turns, least of 40; and over that of a library without
-the part `force`. With the force the six-axis robot needs four steps of Gauss and Newton instead of two. In open loop
+force over that without it, same library, same mesh of 4 ms, in turns, least of 150; and over that of a library without
+the part `force`. With the force the six-axis robot needs three steps of Gauss and Newton instead of two. In open loop
 the Coulomb friction of motors that reverse at other instants makes it drift: a wrong force leaves more there.
 
 | robot | loop | not known | known | 20 % wrong | wrong / not known | cost, same library | cost, plain library |

@@ -794,7 +794,12 @@ static model_status solve_path(const model_samples *p, PARAMETERS_ARGUMENT const
 #endif /* MODEL_FORCE */
     status = equilibrium_at(p->y, q, b->m.scale, work + l.space);
     if (status == MODEL_OK) {
+#if MODEL_FORCE
+        status = guess_mesh(
+            &b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm, NULL, work + l.space);
+#else  /* MODEL_FORCE */
         status = guess_mesh(&b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm, work + l.space);
+#endif /* MODEL_FORCE */
     }
     if (status == MODEL_OK) {
         status = set_boundary_rows(b, p, q, w, info, work + l.space);

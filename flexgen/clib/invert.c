@@ -177,6 +177,44 @@ static inline void lq_path_first_rows(mesh *m, const lq_data *c)
     }
 }
 
+#if MODEL_FORCE
+/*
+ * Add to the first guess of the motion its linear response to the force, all intervals with the Jacobians and the
+ * factor of the equilibrium after the path: the next step, with those of this motion, is then several times smaller,
+ * and the factors serve several times better. c->row: residuals by the force on the path.
+ */
+static inline int add_response(const mesh *m, lq_data *c)
+{
+    const ptrdiff_t at = m->varying, all = m->N;
+    mesh alike = *m;
+    real d[STATES] = {0.0};
+    alike.varying = alike.factored = 0;
+    for (ptrdiff_t i = at * RESIDUALS; i < all * RESIDUALS; ++i) {
+        c->row[i] = 0.0;
+    }
+    if (!lq_linear(&alike, c)) {
+        return 0;
+    }
+    c->response = lq_data_step(&alike, c, d);
+    for (ptrdiff_t i = at * CONTROLS; i < all * CONTROLS; ++i) {
+        c->linear[i] = 0.0;
+    }
+    c->own = m->varying; /* in the first step */
+    return 1;
+}
+
+/*
+ * Whether the step after the next one would change the motion by less than ten times the share `unchanged` of the
+ * first: then the next one is the last, and what it leaves is seen at the samples. last and size: sizes of the last two
+ * steps.
+ */
+static inline int is_nearly_last(const mesh *m, const lq_data *c, real tolerance, real first, real last, real size)
+{
+    const real gain = last > 0.0 ? size / last : 1.0;
+    return c->response > 0.0 && m->residual <= tolerance && size * gain * gain <= 10.0 * unchanged * first;
+}
+
+#endif /* MODEL_FORCE */
 /*
  * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with those of an earlier
  * motion gains less than a factor of ten. Where the residual is small enough, up to MORE_STEPS follow until the next
@@ -189,8 +227,15 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_in
 {
     const real tolerance = o->tolerance;
     newton progress = {-1.0, 0, 0};
+#if MODEL_FORCE
+    real first = c->response, last = 0.0; /* sizes of steps */
+#else                                     /* MODEL_FORCE */
     real first = 0.0, last = 0.0; /* sizes of steps */
+#endif                                    /* MODEL_FORCE */
     int must_factor = 1, more = 0;
+#if MODEL_FORCE
+    int is_last = 0;
+#endif /* MODEL_FORCE */
     for (;;) {
         const real before = progress.before;
         real size, next;
@@ -202,7 +247,11 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_in
         if (status == MODEL_OK && progress.steps == 0) {
             lq_path_first_rows(m, c);
         }
+#if MODEL_FORCE
+        if (status == MODEL_OK && c->own == 0 && !lq_linear(m, c)) {
+#else  /* MODEL_FORCE */
         if (status == MODEL_OK && !lq_linear(m, c)) {
+#endif /* MODEL_FORCE */
             status = MODEL_NOT_CONVERGED;
         }
         if (status != MODEL_OK) {
@@ -212,6 +261,12 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_in
             real d[STATES] = {0.0};
             size = lq_data_step(m, c, d);
         }
+#if MODEL_FORCE
+        c->own = 0;
+        if (is_last) {
+            return MODEL_OK;
+        }
+#endif /* MODEL_FORCE */
         if (progress.steps == 0 && cut) {
             cut_mesh(m, o->samples_per_interval, end);
         }
@@ -230,6 +285,9 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_in
             (state == NEWTON_CONVERGED && (!(next > unchanged * first) || more == MORE_STEPS))) {
             return state == NEWTON_CONVERGED ? MODEL_OK : MODEL_NOT_CONVERGED;
         }
+#if MODEL_FORCE
+        is_last = !must_factor && is_nearly_last(m, c, tolerance, first, last, size);
+#endif /* MODEL_FORCE */
         more += state == NEWTON_CONVERGED;
         must_factor = state == NEWTON_CONTINUES && before >= 0.0 && m->residual > 0.1 * before;
         progress.before = m->residual;
@@ -358,7 +416,12 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
     lq_space *w = (lq_space *)(void *)(work + own->lq);
     settling *end = (settling *)(void *)(work + own->settling);
     lq_data c;
+#if MODEL_FORCE
+    real *row = p->force != NULL ? work + own->row : NULL; /* residuals by the force */
+    int status = guess_mesh(m, p, q, options->n_pre, options->samples_per_interval, &w->arm, row, work + l->space);
+#else  /* MODEL_FORCE */
     int status = guess_mesh(m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l->space);
+#endif /* MODEL_FORCE */
 #if MODEL_FORCE
     keep_force(p, p->n - 1, work + l->space);
 #endif /* MODEL_FORCE */
@@ -373,6 +436,13 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
     c.linear = work + own->linear;
     c.steady_point = work + own->steady_point;
     c.steady_factor = work + own->steady_factor;
+#if MODEL_FORCE
+    c.own = 0;
+    c.response = 0.0;
+    if (row != NULL && !add_response(m, &c)) {
+        return MODEL_NOT_CONVERGED;
+    }
+#endif /* MODEL_FORCE */
     status = lq_path_solve(m, work + own->point, &c, options, cut, end, report, w, work + l->space);
     report->residual = m->residual;
     report->intervals = m->N;

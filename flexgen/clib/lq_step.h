@@ -601,6 +601,10 @@ typedef struct {
     const real *steady_factor; /* CONTROLS x WIDTH: of the intervals without one of their own */
     real *row;                 /* N x STAGES x NE: residuals */
     real *linear;              /* N x CONTROLS: right sides of the factors */
+#if MODEL_FORCE
+    int own;       /* so many of the first factors have right sides of their own */
+    real response; /* size of the response to a force that the first guess of the motion has; 0: there is none */
+#endif             /* MODEL_FORCE */
 } lq_data;
 
 /* The factor of interval k. */
@@ -826,7 +830,12 @@ static inline real lq_data_step(mesh *m, const lq_data *c, real d[STATES])
 {
     real most = 0.0;
     for (ptrdiff_t k = 0; k < m->N; ++k) {
+#if MODEL_FORCE
+        const real *linear = k < c->own ? NULL : c->linear + k * CONTROLS;
+        most = fmax_1(most, step_interval(m, k, factor_of(m, c, k), linear, d));
+#else  /* MODEL_FORCE */
         most = fmax_1(most, step_interval(m, k, factor_of(m, c, k), c->linear + k * CONTROLS, d));
+#endif /* MODEL_FORCE */
     }
     step_last_node(m, d);
     return most;

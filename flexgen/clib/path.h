@@ -173,8 +173,7 @@ static inline void reference_at(const model_samples *p, int k, real x, real *out
                 quintic(x, left, right, q);
             }
             out[NT + 2 * NY + i] = q[0];
-            out[NT + 3 * NY + i] = q[1] / T;
-            out[NT + 4 * NY + i] = q[2] / (T * T);
+            out[NT + 3 * NY + i] = out[NT + 4 * NY + i] = 0.0; /* needed at samples only */
         }
 #endif /* MODEL_FORCE */
 #if MODEL_POSE

@@ -418,9 +418,51 @@ static inline real time_of_point(const mesh *m, int k)
     return m->h * ((real)(k / STAGES) + gauss_c[k % STAGES]);
 }
 
+#if MODEL_FORCE
+/*
+ * Residuals of the `used` Gauss points from number `at` on by the force: by what is not held in equilibrium at the ends
+ * of the path, between which the first guess of the motion moves as in `move_smoothly`.
+ */
+static inline void residuals_of_force(
+    const mesh *m, const model_samples *p, int at, int used, const problem_points *arm, real *row)
+{
+    const real *first = p->force, *last = p->force + (p->n - 1) * (ptrdiff_t)FORCES;
+    points moved, sums[NE];
+    for (int l = 0; l < POINTS; ++l) {
+        const real x = fmin_1(time_of_point(m, at + l) / (m->h * (real)m->varying), 1.0);
+        moved[l] = x * x * x * (10.0 - x * (15.0 - 6.0 * x));
+    }
+    EACH (l) {
+        lanes F[NY];
+        for (int j = 0; j < NY; ++j) {
+            F[j] = load_v(&arm->force[j][l]) - first[j] - (last[j] - first[j]) * load_v(moved + l);
+        }
+        for (int i = 0; i < NE; ++i) {
+            lanes sum = splat_v(0.0);
+            for (int j = 0; j < NY; ++j) {
+                sum -= load_v(&arm->W[i_e[i]][j][l]) * F[j];
+            }
+            store_v(&sums[i][l], sum / m->scale[i]);
+        }
+    }
+    for (ptrdiff_t k = 0; k < used; ++k) {
+        for (int i = 0; i < NE; ++i) {
+            row[(at + k) * NE + i] = sums[i][k];
+        }
+    }
+}
+
+#endif /* MODEL_FORCE */
 /* The path at the Gauss points, and joints that follow it while all nodes keep the deflections of the equilibrium q. */
+#if MODEL_FORCE
+/* row: residuals of the points by the force; not written if null. */
+#endif /* MODEL_FORCE */
 static inline int guess_mesh(mesh *m, const model_samples *p, const real *q, int n_pre, int samples_per_interval,
+#if MODEL_FORCE
+    problem_points *arm, real *row, real *space)
+#else  /* MODEL_FORCE */
     problem_points *arm, real *space)
+#endif /* MODEL_FORCE */
 {
     /* The path of the last one is that of all others; so are the joints. */
     const int solved = m->varying < m->N ? m->varying * STAGES + 1 : m->N * STAGES;
@@ -465,6 +507,11 @@ static inline int guess_mesh(mesh *m, const model_samples *p, const real *q, int
                 m->q_g[(ptrdiff_t)(at + k) * NG + i] = arm->q[i_g[i]][k];
             }
         }
+#if MODEL_FORCE
+        if (row != NULL) {
+            residuals_of_force(m, p, at, used, arm, row);
+        }
+#endif /* MODEL_FORCE */
         if (used > 1) {
             const real now = time_of_point(m, at + used - 1);
             keep_joints(arm, used - 1, now, now - time_of_point(m, at), &last);

@@ -120,7 +120,7 @@ def rows_of(equations, found, force: np.ndarray) -> tuple[float, float]:
     return float(gears), float(np.abs(needed[:, list(model.i_e)] - elastic).max())
 
 
-def inverted(folder, equations, solver: str = "invert"):
+def inverted(folder, equations, solver: str = "invert", factor: float = 1.0):
     """An inversion with a force by a library that is made in a folder, and the force at its samples (n, 6)."""
     made = flexgen.generate(equations.model, folder, parts=["force", "bvp"], progress=False)
     path, period = flexgen.plan(equations), 5e-4
@@ -135,9 +135,9 @@ def inverted(folder, equations, solver: str = "invert"):
             n_pre=100,
             n_post=100,
             samples_per_interval=1,
-            force=force.on_output(equations.model, t),
+            force=factor * force.on_output(equations.model, t),
         )
-    return found, force.at(found.t)
+    return found, factor * force.at(found.t)
 
 
 @pytest.mark.parametrize("solver", ["invert", "bvp"])
@@ -168,6 +168,17 @@ def test_planted_bugs_in_the_c_are_seen(tmp_path, monkeypatch, bug):
     except flexgen.SolverError:
         return  # it does not converge: seen
     assert gears > 1.0 or rows > 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sign, steps", [("-=", 2), ("+=", 3)])
+def test_the_first_guess_has_the_response_to_the_force(tmp_path, monkeypatch, sign, steps):
+    old = "sum -= load_v(&arm->W[i_e[i]][j][l]) * F[j];"
+    plant_in_c(monkeypatch, "whole_path.h", old, old.replace("-=", sign))  # planted: the opposite response
+    equations = flexgen.derive("planar5_nmp")
+    found, force = inverted(tmp_path / "made", equations, factor=4.0)
+    gears, rows = rows_of(equations, found, force)
+    assert found.iterations == steps and gears < 1e-8 and rows < 1e-3  # the steps correct any guess
 
 
 def test_libraries_without_the_part_have_no_trace_of_it():
