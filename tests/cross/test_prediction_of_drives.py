@@ -37,7 +37,8 @@ def predicted(model: flexgen.RobotModel, **known: float) -> flexgen.Prediction:
     return flexgen.predict(replace(model, uncertainty=Tolerances(**known)), robots=16, progress=False)
 
 
-@pytest.mark.parametrize("make", [with_sums, pytest.param(with_load, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [with_sums, with_load])
 def test_each_robot_has_the_error_of_the_loop(make, monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted: forces of the sources that are 2 % too small."""
     found = predicted(make(), stiffness=0.1, friction=0.2, masses=0.03)
