@@ -44,6 +44,7 @@ ANY_MODEL = (
 # take half the time. The others compile as users do.
 UNOPTIMIZED = (
     "client/test_batch_strided.py",
+    "client/test_docs.py",
     "client/test_fmu_import.py",
     "client/test_hostile_inversion.py",
     "client/test_inverse_kinematics.py",
