@@ -6,8 +6,8 @@ gear is a body of its own with a hinge, ``rotor.NAME``; its gear is a fixed tend
     L = f (sum_j (eta^-1)_kj q_mj - q_gk),      force -k L - d L'
 
 with f the factor from the arm side to the side of the spring. A motor behind a rigid gear has no coordinate: its
-inertia is the armature of the joint (of a tendon where it drives several joints). There are no constraints, which
-would be soft: the equations of motion are those of flexgen, not an approximation.
+inertia is the armature of the joint (of a tendon where it drives several joints). Only an axis that a mechanism moves
+is held by a constraint, which is soft in MuJoCo: else the equations are those of flexgen, not an approximation.
 
 Sources: MuJoCo documentation, XML reference and chapter Computation; S. Moberg, Modeling and Control of Flexible
 Manipulators, 2010; P. Tomei, IEEE TAC 36(10), 1991, for the coupling of the rotors.
@@ -27,7 +27,7 @@ from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.exports.exported import Exported, exported
 from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refusal, with_friction
-from flexgen.exports.mujoco_forces import add_actuators, add_tendons
+from flexgen.exports.mujoco_forces import add_actuators, add_constraints, add_tendons, mechanisms
 from flexgen.exports.mujoco_inertia import principal, regroup
 from flexgen.exports.poses import chain, frame_about, pose_attributes
 from flexgen.exports.xml_text import add, document, numbers
@@ -50,6 +50,7 @@ NOTES = {
     "viscous": "all friction but viscous is left out: accelerations in MuJoCo differ from those of the model",
     "dry": "Coulomb friction is a constraint with stick: accelerations in MuJoCo differ from those of the model",
 }
+MOVED = "axes that mechanisms move are held by constraints, which MuJoCo keeps up to about 1e-4 of their forces"
 _JOINTS = {"rotation": "hinge", "translation": "slide"}
 
 
@@ -102,6 +103,7 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
     write_text(path, mjcf(robot, friction))
     what = f"{robot.title}, {robot.dof} joints, {robot.n_m} motors"
     notes = (NOTES[friction],) if friction in NOTES and robot != with_friction(robot, "viscous") else ()
+    notes += (MOVED,) if mechanisms(robot) else ()
     return exported(robot, "mujoco", (path,), (what,), notes=notes, details={"friction": friction})
 
 
@@ -144,7 +146,10 @@ class _Writer:
         add_actuators(self.drives, add(root, "actuator"))
         self._check_share()
         rest = self._rest()
-        option.set("timestep", numbers(_step(self.equations, rest)))
+        step = _step(self.equations, rest)
+        option.set("timestep", numbers(step))
+        if mechanisms(model):
+            add_constraints(model, step, add(root, "equality"))
         if rest is not None:
             self._home(root, rest)
         return document(root)
@@ -251,6 +256,7 @@ class _Writer:
 
     def _home(self, root: Element, rest: Equilibrium) -> None:
         values = {c.name: float(x) for c, x in zip(self.model.coordinates, rest.q_a, strict=True)}
+        values |= {name: sum(x * values[k] for k, x in own.items()) for name, own in mechanisms(self.model).items()}
         values |= {f"rotor.{m.name}": float(x) for m, x in zip(self.model.motors, rest.q_m, strict=True)}
         frame = add(root, "keyframe")
         add(frame, "key", name="home", qpos=[values[name] for name in self.order], ctrl=rest.tau_m)

@@ -70,9 +70,8 @@ def check_laws(model: RobotModel, dry: bool) -> None:
                 given = "a spring with a smooth dead band"
                 raise refusal(model, key, given, "a linear, cubic, smooth or piecewise spring")
             _check_friction(model, f"{here}.friction", dof.friction, dry)
-            for key in ("mimic", "counterbalance"):
-                if getattr(dof, key):
-                    raise refusal(model, f"{here}.{key}", f"a {key}", "none")
+            if dof.counterbalance:
+                raise refusal(model, f"{here}.counterbalance", "a counterbalance", "none")
     for motor in model.motors:
         _check_friction(model, f"motor.{motor.name}.friction", motor.friction, dry)
 

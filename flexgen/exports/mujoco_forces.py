@@ -22,11 +22,12 @@ from flexgen.model.elements import (
     Spring,
 )
 
+STIFF, CLOSE = 4.0, 0.9999  # time steps in which a constraint is met; part of a force that it takes at once
 FAR = 1e9  # rad or m: a spring whose range begins there acts in one direction only
 
 
 def add_tendons(model: RobotModel, drives: Sequence[Drive], tendons: Element) -> None:
-    """Add the gears, the nonlinear springs, the drives of several joints, and the drags."""
+    """Add the gears, the nonlinear springs, the drives of several joints, the mechanisms, and the drags."""
     _gears(model, tendons)
     for coordinate in model.coordinates:
         dof = coordinate.dof
@@ -35,7 +36,20 @@ def add_tendons(model: RobotModel, drives: Sequence[Drive], tendons: Element) ->
     for drive in drives:
         if not drive.elastic:
             _rigid_drive(tendons, drive)
+    for name, factors in mechanisms(model).items():
+        _tendon(tendons, f"mechanism.{name}", {name: 1.0} | {other: -x for other, x in factors.items()}, [0.0])
     _drags(model, tendons)
+
+
+def mechanisms(model: RobotModel) -> dict[str, dict[str, float]]:
+    """Axes that a mechanism moves: the factors of the coordinates that they follow."""
+    return {dof.name: dict(dof.mimic) for element in model.elements for dof in element.dofs if dof.mimic}
+
+
+def add_constraints(model: RobotModel, step: float, equalities: Element) -> None:
+    """Hold the axes that mechanisms move; ``step`` [s]: of the file."""
+    for name in mechanisms(model):
+        add(equalities, "tendon", tendon1=f"mechanism.{name}", solref=(STIFF * step, 1.0), solimp=(CLOSE, CLOSE, 1e-3))
 
 
 def add_actuators(drives: Sequence[Drive], actuators: Element) -> None:

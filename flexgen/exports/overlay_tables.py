@@ -19,9 +19,7 @@ from flexgen.spec.schema import write
 def beam_or_drag(model: RobotModel) -> None:
     """Refuse what an overlay has no key for."""
     for element in model.elements:
-        passive = any(dof.mimic for dof in element.dofs)
-        parts = ("beam", element.beam is not None), ("body.rotational_drag", element.body.rotational_drag)
-        for key, there in (*parts, ("dof.mimic", passive)):
+        for key, there in (("beam", element.beam is not None), ("body.rotational_drag", element.body.rotational_drag)):
             if there:
                 given, expected = f"a {key.rpartition('.')[2]}", "for URDF an element without it"
                 raise ModelError(model.file, 0, f"element.{element.name}.{key}", given, expected)

@@ -72,7 +72,8 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     The URDF file is the rigid robot, for other programs: links, joints, inertias, limits, frictions. Elastic degrees
     of freedom of elements with a motor joint are rigid in it; those of other elements are joints. The overlay,
     with the ending ``.toml``, adds gears, motors, springs, moves and sensors: `flexgen.read` of the overlay gives the
-    same equations. Joints of the URDF file have the names of the coordinates, links those of the elements. The files
+    same equations. An axis that a mechanism moves by one joint has `<mimic>`; one that follows several joints is free
+    in the URDF file. Joints of the URDF file have the names of the coordinates, links those of the elements. The files
     that the robot was read from are never replaced, nor is an overlay that flexgen did not write.
 
     Parameters
@@ -261,6 +262,9 @@ def _joint(root: ElementTree.Element, step: Step, parent: str, efforts: Mapping[
         lower, upper = ends or (-UNLIMITED, UNLIMITED)
         limit.set("lower", repr(lower))
         limit.set("upper", repr(upper))
+    if len(dof.mimic) == 1:  # <mimic> has one joint: sums of several are in the overlay only
+        ((other, factor),) = dof.mimic
+        add(joint, "mimic", joint=other, multiplier=factor)
     if dof.friction.viscous or dof.friction.coulomb:
         add(joint, "dynamics", damping=dof.friction.viscous, friction=dof.friction.coulomb)
 

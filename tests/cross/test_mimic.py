@@ -6,6 +6,7 @@ q_all = T q,    M = T' M_all(T q) T,    h = T' h_all(T q, T v):    M_all, h_all:
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -236,9 +237,57 @@ def test_a_mimic_of_a_joint_that_is_not_there_is_refused(tmp_path):
         read(f"{tmp_path / 'fingers.urdf'}#palm:second")
 
 
-def test_exports_refuse_mechanisms(tmp_path):
+def deviation(model: RobotModel, solution: flexgen.Solution, file: Path, step: float = 2e-4) -> float:
+    """Largest difference [rad] of the coordinates in MuJoCo, under the torques of a solution, to those planned."""
+    mujoco = pytest.importorskip("mujoco")
+    robot = mujoco.MjModel.from_xml_path(str(file))
+    state, path = mujoco.MjData(robot), solution.trajectory
+    robot.opt.timestep = step
+    names = [robot.joint(k).name for k in range(robot.njnt)]
+    start = dict(zip([c.name for c in model.coordinates], path["q_a"][0], strict=True))
+    start |= {f"rotor.{m.name}": x for m, x in zip(model.motors, path["q_m"][0], strict=True)}
+    start["q3"] = -start["q1"] - start["q2"]
+    state.qpos[:] = [start[name] for name in names]
+    times = path.time[0] + step * np.arange(int((path.time[-1] - path.time[0]) / step))
+    found = []
+    for tau in path.at(times + step / 2)["tau_m"]:
+        state.ctrl[:] = tau
+        mujoco.mj_step(robot, state)
+        found.append([state.qpos[names.index(c.name)] for c in model.coordinates])
+    return float(np.abs(np.array(found) - path.at(times + step)["q_a"]).max())
+
+
+def test_mujoco_keeps_the_mechanism(tmp_path):
+    """Planted: a factor that is 5 % too large."""
     (tmp_path / "torso.toml").write_text(TORSO)
     model = read(tmp_path / "torso.toml")
-    for export, file in ((flexgen.export_mujoco, "t.xml"), (flexgen.export_urdf, "t.urdf")):
-        with pytest.raises(ModelError, match="mimic"):
-            export(model, tmp_path / file)
+    written = flexgen.export_mujoco(model, tmp_path / "torso.xml")
+    assert "constraints" in str(written.notes)
+    solution, file = flexgen.solve(model, "joints", verify=False), tmp_path / "torso.xml"
+    assert deviation(model, solution, file) < 1e-7
+    text = file.read_text()
+    assert text.count('<joint joint="q2" coef="1"') == 1
+    file.write_text(text.replace('<joint joint="q2" coef="1"', '<joint joint="q2" coef="1.05"'))
+    assert deviation(model, solution, file) > 1e-3
+
+
+@pytest.mark.parametrize("others", ["{ q1 = -1.0, q2 = -1.0 }", "{ q2 = -0.8 }"])
+def test_an_exported_urdf_file_has_the_mechanism(tmp_path, others):
+    """Read again it has the same equations; a URDF file with another factor has not."""
+    (tmp_path / "torso.toml").write_text(TORSO.replace("{ q1 = -1.0, q2 = -1.0 }", others))
+    model = read(tmp_path / "torso.toml")
+    written = flexgen.export_urdf(model, tmp_path / "out" / "torso.urdf")
+    text = written.files[0].read_text()
+    assert ('<mimic joint="q2" multiplier="-0.8"' in text) == ("q1" not in others)
+
+    def differs(again: RobotModel) -> float:
+        (q, v, a), angles = np.random.default_rng(0).uniform(-1, 1, (3, model.n_a)), np.zeros((3, model.n_m))
+        given = q, v, a, *angles, np.zeros(model.n_m)
+        (x, _), (y, _) = (derive(m).function("residual")(*given) for m in (model, again))
+        return float(np.abs(np.array(x - y)).max())
+
+    assert [c.name for c in read(written.details["overlay"]).coordinates] == ["q1", "q2", "q4"]
+    assert differs(read(written.details["overlay"])) < 1e-9
+    overlay = written.details["overlay"]
+    overlay.write_text(overlay.read_text().replace("q2 = -0.8", "q2 = -0.9").replace("q2 = -1 ", "q2 = -1.1 "))
+    assert differs(read(overlay)) > 1.0
