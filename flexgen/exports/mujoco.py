@@ -102,7 +102,9 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
     refuse_harmonics(robot, "export")
     write_text(path, mjcf(robot, friction))
     what = f"{robot.title}, {robot.dof} joints, {robot.n_m} motors"
-    notes = (NOTES[friction],) if friction in NOTES and robot != with_friction(robot, "viscous") else ()
+    notes: tuple[str, ...] = (
+        (NOTES[friction],) if friction in NOTES and robot != with_friction(robot, "viscous") else ()
+    )
     notes += (MOVED,) if mechanisms(robot) else ()
     return exported(robot, "mujoco", (path,), (what,), notes=notes, details={"friction": friction})
 
