@@ -14,6 +14,7 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.limits import Limits
 from flexgen.planning.phase import Phase
+from flexgen.planning.signals import motor_frictions
 
 EFFECTIVE = ("torque_rms", "thermal_time", "gear_torque_rms")
 
@@ -107,7 +108,7 @@ def _bound_gears(phase: Phase, most: np.ndarray) -> None:
             if model.motor_coupling != "simplified":
                 raise ArgumentError(f"limits: given gear_torque of the rigid gear {names[k]}, expected tau_m bounds")
             inertia = ca.DM([motor.inertia for motor in model.motors])
-            through = phase["tau_m"] - inertia * phase["a_m"] - equations.function("motor_friction")(phase["v_m"])
+            through = phase["tau_m"] - inertia * phase["a_m"] - motor_frictions(equations, phase["v_m"], elastic)
             value = ca.mtimes(ca.DM(model.eta[:, k]).T, through)
         phase.subject_to(value, -most[k], most[k], name=f"gear torque of {names[k]}")
 

@@ -96,7 +96,7 @@ class PlanProblem(Phase):
         self, equations: Equations, path: Path, mesh: np.ndarray, table: Tableau, timing: str, limits: Limits | None,
         model_limits: bool, push: PlanForce | None = None,
     ) -> None:  # fmt: skip
-        refuse_harmonics(equations.model, "plan_problem")
+        refuse_harmonics(equations.model, "plan_problem", load=False)
         self.path, self.timing, self._table = path, timing, table
         self._limits, self._model_limits = limits, model_limits
         self._n = equations.model.dof + (timing == "free")

@@ -16,6 +16,7 @@ import casadi as ca
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.output_columns import output_labels, output_units
+from flexgen.model.friction import loaded_motors
 from flexgen.recursion.functions import fast_function
 
 COMPARED = (ca.OP_LE, ca.OP_LT, ca.OP_EQ)
@@ -156,8 +157,16 @@ def residual_of(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX, tau: ca.S
         acting[list(model.i_e)] = equations.function("elastic_torque")(q_a, v_a)
     inertia = ca.DM([motor.inertia for motor in model.motors])
     load = ca.mtimes(ca.inv(ca.DM(model.eta)).T, tau_g)
-    r_m = inertia * a_m + equations.function("motor_friction")(v_m) + load - tau
+    r_m = inertia * a_m + motor_frictions(equations, v_m, tau_g) + load - tau
     return ca.vertcat(rows - acting, r_m)
+
+
+def motor_frictions(equations: Equations, v_m: ca.SX, tau_g: ca.SX) -> ca.SX:
+    """Friction torques of the motors (n_m,) at their speeds and the torques of the elastic gears, arm side."""
+    if not loaded_motors(equations.model):
+        return equations.function("motor_friction")(v_m)
+    carried = ca.mtimes(ca.inv(ca.DM(equations.model.eta)).T, tau_g)
+    return equations.function("loaded_friction")(v_m, carried)
 
 
 def split_comparison(expression: ca.SX | ca.MX, what: str) -> tuple[ca.SX | ca.MX, list[bool]]:

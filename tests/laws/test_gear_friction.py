@@ -213,7 +213,6 @@ def test_viscous_friction_alone_is_that_of_the_temperature() -> None:
         lambda robot: flexgen.export_ros2(robot, "never"),
         lambda robot: flexgen.excite(robot),
         lambda robot: flexgen.feedback_study(robot),
-        lambda robot: flexgen.plan_problem(robot),
         lambda robot: flexgen.CollisionDetector(robot, 1e-3),
     ],
 )

@@ -5,12 +5,14 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from gear_friction import loaded
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 from flexgen.mechanics.limit_use import uses_of_limits
+from flexgen.planning import signals
 from flexgen.planning.phase import Phase
 
 pytestmark = needs_compiler
@@ -105,3 +107,19 @@ def test_effective_torques_and_further_phases_are_refused(equations):
     problem = flexgen.plan_problem(equations, limits=flexgen.Limits(torque_rate=(900.0, 900.0)))
     with pytest.raises(ArgumentError, match="then: given in a problem with torque_rate"):
         problem.then(0.2, mesh=5)
+
+
+@pytest.mark.slow
+def test_a_plan_has_the_friction_of_the_load(monkeypatch):
+    """The simulation of the full model agrees up to the mesh; planted: a friction of half the load."""
+
+    def least_torque() -> flexgen.Solution:
+        problem = flexgen.plan_problem(loaded("elbow", 40.0), mesh=120)
+        problem.add_cost(ca.sumsqr(problem["tau_m"]))
+        return problem.solve(progress=False)
+
+    found = least_torque()
+    assert found.status == Status.SOLVED and found.plan_error_max < 1e-5
+    right = signals.motor_frictions
+    monkeypatch.setattr(signals, "motor_frictions", lambda equations, v, tau: right(equations, v, tau / 2))
+    assert least_torque().status == Status.TOLERANCE_NOT_MET
