@@ -32,9 +32,13 @@ enum { COEFFICIENTS = 8, SEARCHES = 60 }; /* of a piece of a curve; steps to the
 static const real branch_rounding = PRECISE(1e-13, 3e-7);
 /* motion back from which on a gear reverses, and what remains of an instant of reversal, in samples */
 static const real least_return = PRECISE(1e-12, 1e-6), least_part = PRECISE(1e-8, 1e-4);
+/* [samples] of Newton's step to such an instant: what remains is its square, and less than rounding */
+static const real last_part = PRECISE(1e-5, 1e-3);
 #if MODEL_CURVED
 static const real path_rounding = PRECISE(1e-15, 1e-7); /* of the part of a piece */
-#endif                                                  /* MODEL_CURVED */
+static const real lane_numbers[16] = {
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0};
+#endif /* MODEL_CURVED */
 
 typedef real gear_lanes[GEARS];
 
@@ -300,18 +304,17 @@ MODEL_INLINE lanes element_torque(const branches *b, int e, int i, const lanes x
     lanes z, slope, y = on_kept_pieces(b, e, i, t, &slope);
     slope *= per;
     if (sum_v(off) > 0.0) {
-        real path[LANES], part[LANES], rises[LANES], outside[LANES];
+        real path[LANES], outside[LANES];
         store_v(outside, off);
         store_v(path, u);
-        store_v(part, y);
-        store_v(rises, slope);
         for (int l = 0; l < LANES && i + l < NG; ++l) {
             if (outside[l] > 0.0) {
-                part[l] = on_curve(hysteresis_curve[e][i + l], path[l], rises + l);
+                const lanes here = eq_v(load_v(lane_numbers), splat_v((real)l));
+                real rises;
+                y = select_v(here, splat_v(on_curve(hysteresis_curve[e][i + l], path[l], &rises)), y);
+                slope = select_v(here, splat_v(rises), slope);
             }
         }
-        y = load_v(part);
-        slope = load_v(rises);
     }
     /* Newton's method may try a deflection behind the reversal: there the branch is its tangent */
     z = s * slip * (y + slope * fmin_v(passed, zero));
@@ -370,7 +373,7 @@ static inline int along_branches(
 #if MODEL_CURVED
     keep_pieces(b, m->x[1]);
 #endif /* MODEL_CURVED */
-    for (int i = 0; i < GEARS; i += LANES) {
+    for (int i = 0; i < NG; i += LANES) {
         const lanes from = load_v(begin + i), size = load_v(finish + i) - from;
         for (int k = 0; k < STAGES; ++k) {
             const lanes at = from + radau_c[k] * size;
@@ -387,7 +390,7 @@ static inline int along_branches(
                 return 0;
             }
         }
-        for (int i = 0; i < GEARS; i += LANES) {
+        for (int i = 0; i < NG; i += LANES) {
             const lanes kept = load_v(b->kept + i), p = load_v(b->p + i), K = load_v(b->stiffness + i);
             const lanes flow = load_v(b->flow + i) * (load_v(finish + i) - load_v(begin + i));
             lanes left[STAGES], defect[STAGES], dx[STAGES], a[STAGES][STAGES], more = splat_v(0.0), rest;
@@ -428,7 +431,7 @@ static inline int along_branches(
             missed |= off[i] != 0.0;
         }
     }
-    for (int i = 0; i < GEARS; i += LANES) {
+    for (int i = 0; i < NG; i += LANES) {
         const lanes kept = load_v(b->kept + i);
         lanes rate = splat_v(0.0);
         for (int power = POWERS - 1; power > 0; --power) {
@@ -492,10 +495,16 @@ static inline int locate_reversals(
                 high[i] = at[i];
             }
             next = at[i] + part_to_rest(b, q, m, at[i], i);
-            if (!(next >= low[i] && next <= high[i] && fabs_1(next - at[i]) <= 0.5 * moved[i])) { /* it may cycle */
+            if (next < low[i] && low[i] == begin[i] && !(m->forward[i] > 0.0)) {
+                next = low[i]; /* it may move back from the beginning on */
+                moved[i] = at[i] - next;
+            } else if (next >= low[i] && next <= high[i] && fabs_1(next - at[i]) <= 0.5 * moved[i]) {
+                moved[i] = fabs_1(next - at[i]);
+                moved[i] = moved[i] > last_part ? moved[i] : 0.0;
+            } else { /* it may cycle */
                 next = 0.5 * (low[i] + high[i]);
+                moved[i] = fabs_1(next - at[i]);
             }
-            moved[i] = fabs_1(next - at[i]);
             found = found && moved[i] <= least_part;
             at[i] = next;
         }
@@ -519,7 +528,7 @@ static inline int advance_branches(branches *b, const quintics *q, real *space)
     int whole = 1; /* whether the last step is that of a whole interval */
     real least = least_return;
     b->passes = PASSES;
-    for (int i = 0; i < GEARS; i += LANES) {
+    for (int i = 0; i < NG; i += LANES) {
         store_v(begin + i, splat_v(0.0));
         store_v(finish + i, splat_v(1.0));
         for (int k = 0; k < STAGES; ++k) {
@@ -541,7 +550,7 @@ static inline int advance_branches(branches *b, const quintics *q, real *space)
             any |= turned[i] > 0.0;
         }
         if (!any) {
-            for (int i = 0; i < GEARS; i += LANES) {
+            for (int i = 0; i < NG; i += LANES) {
                 const lanes end = load_v(m.x[STAGES - 1] + i);
                 store_v(b->before + i, whole ? load_v(b->p + i) : end);
                 for (int k = 0; k < STAGES; ++k) {
@@ -556,7 +565,7 @@ static inline int advance_branches(branches *b, const quintics *q, real *space)
         if (!locate_reversals(b, q, begin, turned, at, &m, space)) {
             return 0;
         }
-        for (int i = 0; i < GEARS; i += LANES) {
+        for (int i = 0; i < NG; i += LANES) {
             const lanes end = load_v(m.x[STAGES - 1] + i), is = load_v(turned + i), s = load_v(b->s + i);
             for (int e = 0; e < ELEMENTS; ++e) {
                 lanes rise, z = element_torque(b, e, i, end, &rise);
