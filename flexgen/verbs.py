@@ -208,14 +208,14 @@ measure MODEL | identify:measure | measure
         seed N whole_0: of the noise; default: {default}
     files
         raw DIR: also write all samples, as recordings that 'flexgen frf' reads
-        beside: also keep the spectra beside the lines, for 'flexgen frf --transients'
+        beside: an error where there are too few periods for the spectra beside the lines, which remove transients
         out FILE npz_file required: write the spectra to this .npz file
 frf | identify:frf | frf
     arguments
         <experiment> EXPERIMENT: file written by 'flexgen measure', or a .toml file that describes recordings
     estimate
         average NAME in=AVERAGES: {AVERAGES}
-        transients: remove transients by local polynomials beside the lines
+        transients: the robot need not have come to rest; an error where no spectra beside the lines are recorded
     files
         out FILE npz_file required: write the responses to this .npz file
         @page

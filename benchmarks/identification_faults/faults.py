@@ -127,7 +127,7 @@ def of_spectra(torques: Any = None, angles: Any = None) -> Callable[[Experiment]
         hz = x.plan.frequencies[:, None]
         tau_m = x.tau_m if torques is None else torques(x.tau_m, hz)
         q_m = x.q_m if angles is None else angles(x.q_m, hz)
-        return replace(x, tau_m=tau_m, q_m=q_m)
+        return replace(x, tau_m=tau_m, q_m=q_m, offsets=None, beside=None)
 
     return change
 

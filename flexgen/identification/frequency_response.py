@@ -14,7 +14,7 @@ IFAC 2008 (multivariable frequency responses of robots in closed loop).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,8 @@ class Frf(ArrayResult):
         Sensor channels, the outputs after the motors.
     orders : tuple of int
         Time derivatives from the signal of each channel to its acceleration.
+    noise_UU, noise_YU : arrays (k, lines, n_m or outputs, n_m), or None
+        What noise adds to ``U U^H`` and ``Y U^H``; None: not known.
 
     Examples
     --------
@@ -97,6 +99,8 @@ class Frf(ArrayResult):
     warnings: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
     orders: tuple[int, ...] = ()
+    noise_UU: np.ndarray | None = None
+    noise_YU: np.ndarray | None = None
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -145,7 +149,8 @@ class Frf(ArrayResult):
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""
-        names = ["poses", "w", "G", "UU", "C", "variance", "speed_sd"] + ["total"] * (self.total is not None)
+        names = ["poses", "w", "G", "UU", "C", "variance", "speed_sd"]
+        names += [name for name in ("total", "noise_UU", "noise_YU") if getattr(self, name) is not None]
         meta = {name: getattr(self, name) for name in ("model", "periods", "experiments", "sample_s", "delay_s")}
         meta |= {name: list(getattr(self, name)) for name in ("motors", "warnings", "sensors", "orders")}
         meta["units"] = {"G": "rad/s^2 / (N m)", "UU": "(N m)^2", "w": "rad/s", "poses": "rad"}
@@ -175,15 +180,19 @@ class Frf(ArrayResult):
             or np.any(np.abs(C) > LARGEST)
         ):
             raise ValueError(f"G, UU, C: expected numbers between 0 and {LARGEST:g}")
+        noise = arrays.get("noise_UU"), arrays.get("noise_YU")
+        shapes = [None if x is None else x.shape for x in noise]
         if arrays["speed_sd"].shape != (len(poses), n) or arrays.get("total", variance).shape != variance.shape:
             raise ValueError("arrays of different sizes")
+        if shapes not in ([None, None], [UU.shape, G.shape]):
+            raise ValueError("noise_UU, noise_YU: expected both, of the sizes of UU and G, or none")
         counts = int(meta["periods"]), int(meta["experiments"])
         times = float(meta["sample_s"]), float(meta["delay_s"])
         if min(*counts, 1 + min(times)) < 1 or not np.isfinite(times).all():
             raise ValueError("periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0")
         return cls(
             str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
-            *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders,
+            *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise,
         )  # fmt: skip
 
 
@@ -198,7 +207,8 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
         Over the realizations: ``"arithmetic"``, ``"harmonic"`` (of the inverses), ``"logarithmic"`` (of amplitude and
         phase of each element), or ``"h1"`` (least squares over all periods; noise of the torques makes it too small).
     transients : bool
-        Remove transients by local polynomials; the experiment needs its spectra ``beside`` the lines.
+        The robot need not have come to rest: periods may differ. The experiment needs its spectra ``beside`` the lines.
+        Wherever it has them, local polynomials through them remove transients, since noise leaves some too.
 
     Returns
     -------
@@ -233,11 +243,12 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
             "closed loop, bias the responses: prefer a periodic excitation",
         )
     elif not transients:
-        warnings = (*_check_repeats(Y[..., :n, :], experiment.source), *_check_transients(U, plan.motors))
+        warnings = _check_repeats(Y[..., :n, :], experiment.source)
+        warnings += _check_transients(U, plan.motors) if experiment.beside is None else ()
     if experiment.lines_by_torque:
         warnings = (*warnings, _torque_lines(plan.lines))
     noise = None
-    if transients:
+    if transients or (experiment.beside is not None and average != "h1"):
         U, Y, noise, spread = _average_without_transients(experiment, U, Y)
         noise_periods = P
     try:
@@ -250,10 +261,11 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
     hold = plan.hardware.sample_s if experiment.hold == "zoh" else 0.0
     R, E = U.shape[1], U.shape[5]
     total = found.total if R >= LEAST_TOTAL else None
+    known = () if average == "h1" or P == 1 or R > 1 else (spread * found.noise_UU, spread * found.noise_YU)
     return Frf(
-        plan.model, plan.motors, plan.poses, w, found.G, found.UU, noise_periods * found.C, spread * found.variance,
-        total, P, E * R, hold, plan.hardware.delay_s, experiment.speed_sd, warnings, plan.sensors,
-        _orders(experiment)[n:],
+        plan.model, plan.motors, plan.poses, w, found.G, found.UU, noise_periods * spread * found.C,
+        spread * found.variance, total, P, E * R, hold, plan.hardware.delay_s, experiment.speed_sd, warnings,
+        plan.sensors, _orders(experiment)[n:], *known,
     )  # fmt: skip
 
 
@@ -360,7 +372,7 @@ def _check_transients(U: np.ndarray, motors: tuple[str, ...]) -> tuple[str, ...]
 
 def coherence(experiment: Experiment) -> np.ndarray:
     """Multiple coherence of each output (k, lines, outputs): the part of its power that the torques explain."""
-    estimate = frf(experiment)
+    estimate = frf(replace(experiment, offsets=None, beside=None))  # the noise of periods
     _, Y = _inputs_outputs(experiment)
     power = (np.abs(Y) ** 2).mean(axis=(1, 2, 5))
     noise = np.real(np.einsum("klaa->kla", estimate.C))

@@ -33,6 +33,7 @@ from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_types
 
 COST_LEAST, COST_MOST = 0.5, 2.0  # of a good fit, for one degree of freedom
+POLISHES = 2  # fits with weights from the structure of the noise
 AVERAGINGS = 3  # fits with springs averaged over the deflections that follow from the last fit
 REWEIGHTINGS, NEIGHBORS = 4, 15  # fits with a model error, and lines over which it is averaged
 SMALL_ERROR = 1e-3  # a model error that is too small to mention
@@ -204,11 +205,12 @@ def _with_structure(
 
     A transient or a wrong model breaks the structure: then the weights of single elements are the better ones.
     """
-    polish = Residuals(vector, data, deflection_sd=residuals.deflection_sd)
-    polish.use_structure(best.x)
-    if polish.cost(best.x) > COST_MOST * degrees + 4 * len(vector):
-        return residuals, best
-    return polish, _search(vector, polish, best.x)
+    polish, fit = Residuals(vector, data, deflection_sd=residuals.deflection_sd), best
+    for _ in range(POLISHES):  # the levels of the noise depend on the responses
+        polish.use_structure(fit.x)
+        fit = _search(vector, polish, fit.x)
+    misfit = polish.misfit(fit.x) * residuals.count / polish.count
+    return (residuals, best) if misfit > COST_MOST * degrees else (polish, replace(fit, cost=misfit))
 
 
 def _search(vector: ParameterVector, residuals: Residuals, start: np.ndarray) -> Fit:

@@ -6,14 +6,26 @@
 "structured" ``r = L^-1 (G(x) - G) (U U^H)^(1/2) P^(1/2)``, ``L L^H = G S_u G^H + w^(2 m) S_y``: the noise of torques
              and of outputs is white and independent, one variance for each; m: derivatives up to an acceleration
 ===========  ======================================================================================================
+
+In closed loop the noise of the torques is correlated with that of the outputs, and weights ``U U^H`` that contain it
+bias the parameters (errors in variables). With structured weights the cost is therefore compensated by the noise parts
+of ``Y U^H`` and ``U U^H``, so that its derivative has the mean 0 at the true parameters:
+
+    sum |r|^2 + P tr L^-H L^-1 (2 Re G(x) N_yu^H - G(x) N_uu G(x)^H)
+
+Combinations of torques whose noise has many times the power of the excitation have less weight.
+
+Source: T. Soderstrom, Automatica 43(6), 2007 (errors-in-variables methods; bias-compensated least squares).
 """
 
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.linalg import eigh
 from scipy.optimize import nnls
 
 from flexgen.identification.experiments.operating_points import along_x
@@ -28,6 +40,9 @@ RESIDUALS: tuple[ResidualName, ...] = get_args(ResidualName)
 LEAST_RELATIVE_SD = 1e-9  # of responses without noise
 AVERAGINGS = 3  # of springs: the deflections depend on the stiffness and the reverse
 SMOOTHED = 7  # lines over which a variance from few realizations is averaged
+NOISY = 4.0  # power of noise over that of the spectra, above which a combination of torques has less weight
+EXCESS = 2.0  # measured variance over that of the structure, above which the former is taken
+LEAST_EXCITED = 0.05  # share of excitation in the information of a direction, below which it counts as this
 
 
 class Residuals:
@@ -57,7 +72,8 @@ class Residuals:
         self.local = LocalModel(vector.model, vector.of_model, data.sensors)
         self.drive = Drive(data.sample_s, data.delay_s)
         self.variance = _noise(data, floor)
-        self._white: tuple[np.ndarray, np.ndarray] | None = None  # L^-1 and (U U^H)^(1/2) P^(1/2)
+        self._white: tuple[np.ndarray, np.ndarray] | None = None  # L^-1 and (U U^H)^(1/2) P^(1/2), weighted
+        self._noisy: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # inverse of the latter, weights, noise
         self._rest: tuple[np.ndarray, Rest] | None = None
         none = np.zeros((len(data.poses), len(self.local.springs)))
         self.deflection_sd = none if deflection_sd is None else deflection_sd
@@ -109,16 +125,33 @@ class Residuals:
         The covariances come from the data; their structure from the responses at x.
         """
         G, w = self.response(x).G, self.data.w
-        torque, output = noise_levels(self.data, G)
+        C = covariance_at(self.data, G)
+        torque, output = noise_levels(replace(self.data, C=C), G)
         L = np.linalg.cholesky(structured_covariance(G, output_powers(self.data, w), torque, output))
         white = np.linalg.inv(L)
-        self._white = white, np.linalg.cholesky(self.data.UU) * np.sqrt(self.data.periods)
+        if self.data.noise_UU is not None:  # transients that are left, responses that change between two frequencies
+            excess = np.einsum("kloo->klo", white @ C @ white.conj().swapaxes(-1, -2)).real
+            white = white / np.sqrt(np.where(excess > EXCESS, excess, 1.0))[..., None]
+        right = np.linalg.cholesky(self.data.UU) * np.sqrt(self.data.periods)
+        if self.data.noise_UU is not None:
+            inverse = np.linalg.inv(right)
+            noise, V = np.linalg.eigh(
+                self.data.periods * inverse @ self.data.noise_UU @ inverse.conj().swapaxes(-1, -2)
+            )
+            weight = 1 / (1 + (np.maximum(noise, 0.0) / NOISY) ** 4)
+            root = np.sqrt(weight)[..., None, :]
+            right = right @ V * root
+            self._noisy = inverse.conj().swapaxes(-1, -2) @ V * root, weight, np.maximum(noise, 0.0)
+            self.count = self.data.G.shape[2] * float(weight.sum())
+        self._white = white, right
         self.kind = "structured"
         return np.sqrt(torque), np.sqrt(output)
 
     def weight(self, x: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Residuals (k, lines, n_m, n_m) and their Jacobian (..., n)."""
-        found = self.response(x, derivatives)
+        return self._weigh(self.response(x, derivatives))
+
+    def _weigh(self, found: Response) -> tuple[np.ndarray, np.ndarray | None]:
         G, dG = found.G, found.dG
         if self.kind == "structured":
             assert self._white is not None
@@ -132,26 +165,52 @@ class Residuals:
         weight = 1.0 / np.sqrt(self.variance)
         return (G - self.data.G) * weight, None if dG is None else dG * weight[..., None]
 
-    def cost(self, x: np.ndarray) -> float:
+    def misfit(self, x: np.ndarray) -> float:
         """Sum of the squares."""
         return float((np.abs(self.weight(x, False)[0]) ** 2).sum())
 
+    def cost(self, x: np.ndarray) -> float:
+        """Sum of the squares, compensated."""
+        found = self.response(x)
+        return float((np.abs(self._weigh(found)[0]) ** 2).sum()) + self._compensation(found.G)[0]
+
     def sums(self, x: np.ndarray) -> Sums:
-        """Sum of the squares, ``Re J^H r``, ``Re J^H J``."""
-        return normal(*self.weight(x, True))
+        """Compensated sum of the squares, half its derivative, and ``Re J^H J``."""
+        found = self.response(x, True)
+        r, J = self._weigh(found)
+        value, change = self._compensation(found.G)
+        total, _, A = normal(r, J)
+        return total + value, normal(r + change, J)[1], A
+
+    def _compensation(self, G: np.ndarray) -> tuple[float, np.ndarray | float]:
+        """What compensates the cost for noise of the torques, and ``Z``: half its derivative is ``Re J^H Z``."""
+        if self._noisy is None or self._white is None:
+            return 0.0, 0.0
+        (left, right), back = self._white, self._noisy[0]
+        left_YU = self.data.periods * left @ self.data.noise_YU @ back
+        change = left_YU - self.data.periods * left @ G @ self.data.noise_UU @ back
+        return float(np.vdot(left @ G @ right, change + left_YU).real), change
 
     def covariance(self, x: np.ndarray, A: np.ndarray) -> np.ndarray:
         """Covariance (n, n) of x at the minimum: ``H (B/2 + W) H`` (sandwich), ``H = (A + W)^-1``.
 
         ``A = Re J^H J``; W: information of the prior, whose center is as uncertain as it says. B has the covariances
-        between the elements of a response that the weights leave out.
+        between the elements of a response that the weights leave out. With structured weights A is without, and B
+        with, what the noise of the torques seems to excite.
         """
         prior = np.diag(self.vector.prior_sd**-2.0)
-        inverse = np.linalg.inv(A + prior)
-        if self.kind == "structured":
-            return inverse @ (0.5 * A + prior) @ inverse
         _, J = self.weight(x, True)
         assert J is not None
+        if self.kind == "structured":
+            _, weight, noise = self._noisy or (0.0, np.ones(1), np.zeros(1))
+            by_noise, B = (
+                normal(np.zeros(J.shape[:-1]), J * np.sqrt(x)[:, :, None, :, None])[2] if self._noisy else y
+                for x, y in ((noise, 0 * A), (weight * (1 + noise / max(self.data.periods - 1, 1)), A))
+            )
+            share, X = eigh(by_noise, A + prior)
+            inverse = X / np.maximum(1.0 - share, LEAST_EXCITED) @ X.T
+            return inverse @ (0.5 * B + prior) @ inverse
+        inverse = np.linalg.inv(A + prior)
         if self.kind == "lls":
             to_weight = 1.0 / np.abs(self.response(x).G)  # a small error of the logarithm, in sd of the element
             to_weight = to_weight * np.abs(self.data.G) / np.sqrt(self.variance)
@@ -187,6 +246,16 @@ def normal(r: np.ndarray, J: np.ndarray | None) -> Sums:
     """The sums of residuals and their derivatives."""
     flat, real = as_real(r, J)
     return float(flat @ flat), real.T @ flat, real.T @ real
+
+
+def covariance_at(data: Frf, G: np.ndarray) -> np.ndarray:
+    """Covariance of ``Y - G U`` in one period: that of the data is of their own responses, which noise disturbs."""
+    if data.noise_UU is None or data.noise_YU is None:
+        return data.C
+    away, scale = data.G - G, data.periods / data.experiments
+    cross = away @ (data.noise_YU - data.G @ data.noise_UU).conj().swapaxes(-1, -2)
+    change = cross + cross.conj().swapaxes(-1, -2) + away @ data.noise_UU @ away.conj().swapaxes(-1, -2)
+    return np.asarray(data.C + scale * change)
 
 
 def output_powers(data: Frf, w: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
     V_ep = Y_ep - G U_ep,   G = Y U^H (U U^H)^-1        (spectra of experiments e, averaged over the periods p)
     C = sum V V^H / ((P - 1) n_e)                        covariance of the error of the outputs in one period
     cov G_ab, G_cd = C_ac S_bd,   S = (U U^H)^-T / P     noise only
+    N_uu, N_yu = noise parts of U U^H and Y U^H          in closed loop the noise of U and Y has the same causes
 
 Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 2.
 """
@@ -23,6 +24,8 @@ class Estimate:
     C: np.ndarray
     variance: np.ndarray
     total: np.ndarray | None
+    noise_UU: np.ndarray
+    noise_YU: np.ndarray
 
 
 def estimate(
@@ -55,14 +58,18 @@ def estimate(
     each = each.swapaxes(-1, -2)  # (k, realizations, lines, outputs, inputs)
     if noise is None:
         V, count = Y - each[:, :, None] @ U, max((P - 1) * E * R, 1)
+        away_U, away_Y = (x - x.mean(axis=2, keepdims=True) for x in (U, Y))
+        scale = 1 / max((P - 1) * P, 1)
     else:
         V, count = noise[1] - each[:, :, None] @ noise[0], E * R
+        (away_U, away_Y), scale = noise, 1.0
     C = (V @ _H(V)).sum(axis=(1, 2)) / count
+    noise_UU, noise_YU = (scale * (x @ _H(away_U)).sum(axis=(1, 2)) for x in (away_U, away_Y))
     UU = (mean_U @ _H(mean_U)).sum(axis=1) / (P if average == "h1" else 1)
     S = np.linalg.inv(UU) / (P if noise is None else 1)
     variance = np.real(np.einsum("klaa->kla", C))[..., :, None] * np.real(np.einsum("klbb->klb", S))[..., None, :]
     total = np.var(each, axis=1, ddof=1) / R if R > 1 else None
-    return Estimate(_average(each, average), UU, C, variance, total)
+    return Estimate(_average(each, average), UU, C, variance, total, noise_UU, noise_YU)
 
 
 def _side_by_side(x: np.ndarray) -> np.ndarray:

@@ -36,6 +36,8 @@ def windowed_spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
 def line_offsets(lines: np.ndarray, periods: int) -> np.ndarray:
     """Offsets from the lines, in multiples of ``1 / (periods * period_s)``, at which nothing is excited.
 
+    Multiples of ``1 / period_s`` are not among them: distortion is there.
+
     Raises
     ------
     ArgumentError
@@ -45,7 +47,8 @@ def line_offsets(lines: np.ndarray, periods: int) -> np.ndarray:
     free = [
         d
         for d in range(1, 4 * MOST_OFFSETS)
-        if all(periods * line + s * d not in excited for line in lines.tolist() for s in (-1, 1))
+        if d % periods
+        and all(periods * line + s * d not in excited for line in lines.tolist() for s in (-1, 1))
         and d < periods * lines[0]
     ]
     if len(free) < 2:
@@ -64,9 +67,11 @@ def spectra_beside(x: np.ndarray, lines: np.ndarray, offsets: np.ndarray, period
     """
     n = np.arange(len(x))
     out = np.empty((len(offsets), len(lines), x.shape[1]), complex)
-    for k, d in enumerate(offsets):
-        turned = x * np.exp(-2j * np.pi * d * n / (periods * len(x)))[:, None]
-        out[k] = 2.0 / len(x) * np.fft.fft(turned, axis=0)[lines] * np.exp(-2j * np.pi * d * period / periods)
+    at = {d: k for k, d in enumerate(offsets.tolist())}
+    for d in sorted(set(map(abs, at))):  # one transform of real samples has both sides of a line
+        turn = np.exp(-2j * np.pi * d * (n / len(x) + period) / periods)
+        found = 2.0 / len(x) * np.fft.fft(x * turn[:, None], axis=0)
+        out[at[d]], out[at[-d]] = found[lines], found[-lines].conj()
     return out / periods
 
 

@@ -224,6 +224,8 @@ def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
         ({"speed_sd": np.zeros((2, 3))}, {}, "arrays of different sizes"),
         ({"total": np.zeros((1, 1))}, {}, "arrays of different sizes"),
         ({}, {"orders": [1]}, "arrays of different sizes"),
+        ({"noise_UU": data.UU}, {}, "noise_UU, noise_YU: expected both"),
+        ({"noise_UU": data.UU[:, 1:], "noise_YU": data.G}, {}, "noise_UU, noise_YU: expected both"),
         ({"w": data.w[::-1]}, {}, "expected rising frequencies > 0 and variances >= 0"),
         ({"w": data.w * 0}, {}, "expected rising frequencies > 0"),
         ({"w": data.w[[0, 1, 1, 3]]}, {}, "expected rising frequencies > 0"),
@@ -253,7 +255,8 @@ def test_an_experiment_gives_its_hold_its_delay_and_its_warnings() -> None:
     """Each refusal and each branch of `frf` on one experiment with changed parts."""
     model = without_coulomb("planar5_nmp")
     plan = small_plan(model, poses_of(model, 1), period_s=0.25, f_max=60.0, lines=4, periods=3)
-    experiment: Experiment = flexgen.measure(plan, model, seed=1)
+    measured = flexgen.measure(plan, model, seed=1)
+    experiment: Experiment = replace(measured, offsets=None, beside=None)
     found = flexgen.frf(experiment)
     assert (found.sample_s, found.periods, found.experiments) == (plan.hardware.sample_s, 3, 2) and found.total is None
     assert flexgen.frf(replace(experiment, hold="none")).sample_s == 0.0

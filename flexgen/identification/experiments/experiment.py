@@ -189,7 +189,8 @@ def measure(
     steps : int, optional
         Integration steps in a sample; default: by the fastest eigenvalue.
     beside : bool
-        Also keep the spectra beside the lines, from which `frf` finds transients.
+        Spectra beside the lines, from which `frf` finds transients, are kept where there are enough periods; True: an
+        error where there are not.
     raw : callable, optional
         Called with pose, realization, experiment, angles and torques (samples, n_m) and sensor signals (samples,
         channels) of the measured periods.
@@ -266,12 +267,16 @@ class _Spectra:
         shape = (*runs, plan.periods, len(plan.lines))
         self.tau_m, self.q_m = np.empty((*shape, n), complex), np.empty((*shape, n), complex)
         self.signals = np.empty((*shape, c), complex) if c else None
-        self.offsets = line_offsets(plan.lines, plan.periods) if beside else None
+        self.offsets: np.ndarray | None = None
         self.beside: np.ndarray | None = None
-        if self.offsets is not None:
+        try:
             if sensors is not None and max(sensors.steps) > 1:
                 raise ArgumentError("transients: given sensors that are slower than the drives, expected none of them")
+            self.offsets = line_offsets(plan.lines, plan.periods)
             self.beside = np.zeros((*runs, len(self.offsets), len(plan.lines), 2 * n + c), complex)
+        except ArgumentError:
+            if beside:
+                raise
         late = np.zeros(0) if sensors is None else sensors.delays
         self._turn = np.exp(-2j * np.pi * plan.frequencies[:, None] * late)
 
