@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -17,7 +18,7 @@ from flexgen.identification.result import FitStatus
 from flexgen.numerics.response_estimates import estimate
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT.parent / "shared" / "data"
+DATA = Path(os.environ.get("FLEXGEN_DATA", ROOT.parent / "shared" / "data"))
 BENCH = DATA / "motorbench" / "MultisineTypeA.mat"
 MIRROR = DATA / "fsm" / "u_300mV_train.npy"
 FREE = ["stiffness", "damping", "m1.viscous", "m1.inertia", "load.inertia_zz", "delay"]
@@ -79,6 +80,26 @@ def test_the_motor_bench_in_the_time_domain(bench):
     assert found.values["q1.stiffness"] == pytest.approx(548.0, rel=0.02)
     assert 0.08e-3 < found.values["delay"] < 0.14e-3
     assert found.fit_percent[0] > 95 and found.white[0] < 0.5  # friction that is not in the model
+
+
+@pytest.mark.slow
+def test_four_routes_to_the_damping_of_the_bench_state_no_interval(bench):
+    """They differ by a factor of five, and the formal intervals exclude each other: a model error, with its reason."""
+    experiment, damping, logs = read_experiment(bench / "recordings.toml"), [], []
+    fits = []
+    for average, residual in (("arithmetic", "nls"), ("arithmetic", "lls"), ("h1", "nls")):
+        data = flexgen.frf(experiment, average=average)
+        fits.append(flexgen.identify(bench / "bench.toml", data, free=FREE, residual=residual, progress=False))
+        assert fits[-1].model_error > 5 * data.relative_sd()  # the reason: responses that noise does not explain
+    fits.append(fit_motion(None, bench / "recordings.toml", free=FREE, segment_s=0.05, progress=False))
+    assert fits[-1].white[0] < 0.85  # the reason: residuals that are not noise
+    for found in fits:
+        k = found.vector.names.index("q1.damping")
+        damping.append(found.values["q1.damping"])
+        deviation = 1.96 * np.sqrt(found.formal_covariance[k, k])
+        logs.append(np.log(damping[-1]) + deviation * np.array([-1, 1]))
+        assert found.status == FitStatus.MODEL_ERROR and set(found.sd.values()) == {None}
+    assert max(damping) > 4 * min(damping) and logs[3][1] < min(low for low, _ in logs[:3])
 
 
 @pytest.mark.slow
