@@ -26,13 +26,13 @@ from typing import Literal, get_args
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.optimize import nnls
 
 from flexgen.identification.experiments.operating_points import along_x
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
 from flexgen.identification.outputs import ANGLE
 from flexgen.identification.parameters import ParameterVector
+from flexgen.numerics.noise_structure import fit_levels, regular, structured_covariance
 from flexgen.numerics.trust_region import Sums
 
 ResidualName = Literal["nls", "lls"]
@@ -220,8 +220,8 @@ class Residuals:
         if self.data.total is not None:
             flat = (Z * np.sqrt(self.variance)[..., None]).reshape(-1, J.shape[-1])
         else:
-            Lc = np.linalg.cholesky(_regular(self.data.C))
-            Ls = np.linalg.cholesky(_regular(np.linalg.inv(self.data.UU).swapaxes(-1, -2) / self.data.periods))
+            Lc = np.linalg.cholesky(regular(self.data.C))
+            Ls = np.linalg.cholesky(regular(np.linalg.inv(self.data.UU).swapaxes(-1, -2) / self.data.periods))
             flat = np.einsum("klai,klabp,klbj->klijp", Lc.conj(), Z, Ls.conj(), optimize=True)
             flat = flat.reshape(-1, J.shape[-1])
             beside = Z * np.sqrt(np.maximum(self.variance - self.data.variance, 0.0))[..., None]  # model error
@@ -265,47 +265,8 @@ def output_powers(data: Frf, w: np.ndarray) -> np.ndarray:
 
 
 def noise_levels(data: Frf, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variances of the spectra of the noise of torques (n_m,) and outputs (n_o,), from the covariances of the data.
-
-    Nonnegative least squares of ``C = G S_u G^H + w^(2 m) S_y`` in units of C itself. Lines that fit worse than most
-    count less: transients that the noise leaves between the periods are not white.
-    """
-    n_o, n = G.shape[-2:]
-    powers = output_powers(data, data.w)
-    L = np.linalg.cholesky(_regular(data.C))
-    levels, trust = np.zeros(n + n_o), np.ones((*G.shape[:2], 1, 1))
-    for _ in range(6):
-        white = np.linalg.inv(L) * np.sqrt(trust)
-        columns = []
-        for j in range(n):
-            g = white @ G[..., :, j : j + 1]
-            columns.append((g @ g.conj().swapaxes(-1, -2)).ravel())
-        for j in range(n_o):
-            g = white[..., :, j : j + 1] * np.sqrt(powers[:, j, None, None])
-            columns.append((g @ g.conj().swapaxes(-1, -2)).ravel())
-        target = (white @ data.C @ white.conj().swapaxes(-1, -2)).ravel()
-        M = np.array(columns).T
-        scale = np.linalg.norm(M, axis=0)
-        M = np.vstack([M.real, M.imag]) / scale
-        levels = nnls(M, np.concatenate([target.real, target.imag]))[0] / scale
-        L = np.linalg.cholesky(_regular(structured_covariance(G, powers, levels[:n], levels[n:])))
-        white = np.linalg.inv(L)
-        misfit = np.linalg.norm(white @ data.C @ white.conj().swapaxes(-1, -2) - np.eye(n_o), axis=(-2, -1))
-        trust = np.minimum(1.0, np.median(misfit) / np.maximum(misfit, 1e-300))[..., None, None]
-    return levels[:n], levels[n:]
-
-
-def structured_covariance(G: np.ndarray, powers: np.ndarray, torque: np.ndarray, output: np.ndarray) -> np.ndarray:
-    """``G S_u G^H + w^(2 m) S_y`` (k, lines, n_o, n_o); ``powers``: w^(2 m) (lines, n_o)."""
-    white = (powers * output)[:, :, None] * np.eye(G.shape[-2])
-    return _regular((G * torque) @ G.conj().swapaxes(-1, -2) + white.astype(complex))
-
-
-def _regular(C: np.ndarray) -> np.ndarray:
-    """A covariance with a diagonal so little larger that it is positive definite for sure."""
-    size = np.real(np.einsum("...aa->...a", C))
-    least = np.maximum(size, 1e-12 * size.max(axis=-1, keepdims=True)) * 1e-9 + 1e-300
-    return C + least[..., None] * np.eye(C.shape[-1])
+    """Variances of the spectra of the noise of torques (n_m,) and outputs (n_o,), from the covariances of the data."""
+    return fit_levels(data.C, G, output_powers(data, data.w))
 
 
 def _noise(data: Frf, floor: float = 0.0) -> np.ndarray:

@@ -21,6 +21,7 @@ from flexgen.identification.outputs import OutputRows
 from flexgen.identification.parameters import ParameterVector, cascade_at
 from flexgen.identification.residuals import Residuals
 from flexgen.loop.controllers import Cascade
+from flexgen.numerics.noise_structure import structured_covariance
 
 RNG = np.random.default_rng
 
@@ -186,7 +187,7 @@ def test_levels_of_noise_are_found_in_exact_covariances(data: flexgen.Frf) -> No
     torque, output = np.array([0.3, 0.02]), np.array([2e-9, 7e-9])
     powers = weights.output_powers(data, data.w)
     assert_allclose(powers, np.stack([data.w**4] * 2, axis=1))
-    C = weights.structured_covariance(data.G, powers, torque, output)
+    C = structured_covariance(data.G, powers, torque, output)
     plain = (data.G * torque) @ data.G.conj().swapaxes(-1, -2) + np.einsum("lo,ab->lab", powers[:, :1] * 0, np.eye(2))
     plain = plain + np.array([np.diag(w**4 * output) for w in data.w])
     assert_allclose(C, plain, rtol=1e-8, atol=1e-8 * np.abs(plain).max())

@@ -15,10 +15,11 @@ from flexgen.analysis.amplitude import Comparison, Level, Nonlinearity, compare
 from flexgen.analysis.gear_changes import Linearization
 from flexgen.errors import ArgumentError
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.residuals import Residuals, noise_levels, output_powers, structured_covariance
+from flexgen.identification.residuals import Residuals, noise_levels, output_powers
 from flexgen.mechanics.lagrangian import gear_stiffness, gears
 from flexgen.mechanics.parameters import with_values
 from flexgen.model.elements import BacklashSpring, RobotModel
+from flexgen.numerics.noise_structure import structured_covariance
 
 LEAST_FACTOR = 1.3  # between the speeds of two levels
 WORDS = {

@@ -189,8 +189,7 @@ def measure(
     steps : int, optional
         Integration steps in a sample; default: by the fastest eigenvalue.
     beside : bool
-        Spectra beside the lines, from which `frf` finds transients, are kept where there are enough periods; True: an
-        error where there are not.
+        An error where there are too few periods for the spectra beside the lines, by which `frf` removes transients.
     raw : callable, optional
         Called with pose, realization, experiment, angles and torques (samples, n_m) and sensor signals (samples,
         channels) of the measured periods.
