@@ -86,9 +86,10 @@ def another(model: RobotModel, rng: np.random.Generator) -> RobotModel:
 
 
 def errors_in_sd(found: Any, truth: RobotModel) -> np.ndarray:
-    """Errors of the logarithms over the stated standard deviations; empty where none are stated."""
+    """Errors of the logarithms over the stated standard deviations, without what is not determined by the data."""
     true = {p.name: p.value for p in select(truth, list(found.vector.names))}
-    return np.array([np.log(found.values[n] / true[n]) / sd for n, sd in found.sd.items() if sd is not None])
+    stated = {name: sd for name, sd in found.sd.items() if sd is not None and not found.is_weak(name)}
+    return np.array([np.log(found.values[name] / true[name]) / sd for name, sd in stated.items()])
 
 
 def measure_arm(arm: int, draws: int, speed: float) -> dict[str, Any]:
@@ -134,7 +135,8 @@ def table(rows: list[dict[str, Any]]) -> str:
 viscous frictions are fitted (*free*). The true ones differ from the model file by up to {100 * OFF:.0f} %, nothing else
 is wrong. Plan ({SPEED} rad/s rms, else the defaults), experiment, responses and fit are those of `excite`, `measure`,
 `frf` and `identify`; {len(rows[0]["fits"])} experiments for each arm, each with another robot and other noise.
-*Stated*: intervals, of the parameters of all fits; a fit that is not `fitted` states none. The plant is the nonlinear
+*Stated*: intervals, of the parameters of all fits; a fit that is not `fitted` states none, nor does one of a
+parameter that it calls not determined. The plant is the nonlinear
 robot in C.
 
 {text}

@@ -160,10 +160,11 @@ def _fit(
     cost = best.cost / degrees
     status = _status(best, cost, error, data)
     wrong = floor is None and residual == "nls" and status not in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
+    covariance = residuals.covariance(best.x, best.A)
     return IdentificationResult(
         vector=vector,
         x=best.x,
-        formal_covariance=residuals.covariance(best.x, best.A),
+        formal_covariance=covariance,
         status=status,
         cost=cost,
         model_error=error,
@@ -171,7 +172,7 @@ def _fit(
         agreed=agreed,
         iterations=best.iterations,
         at_bound=tuple(name for name, held in zip(vector.names, best.at_bound, strict=True) if held),
-        weak=(*weak_directions(vector, best.A), *_report_hidden(vector, data)),
+        weak=(*weak_directions(vector, best.A), *_report_hidden(vector, data, best.A, covariance)),
         data=data,
         variance=residuals.variance,
         deflection_sd=residuals.deflection_sd,
@@ -289,9 +290,13 @@ def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
     return FitStatus.FITTED
 
 
-def _report_hidden(vector: ParameterVector, data: Frf) -> tuple[str, ...]:
-    """Sentences on a transient in the data, and on viscous frictions of joints that have Coulomb friction."""
+def _report_hidden(vector: ParameterVector, data: Frf, A: np.ndarray, covariance: np.ndarray) -> tuple[str, ...]:
+    """Sentences on a transient, on what noise of torques hides, and on viscous frictions with Coulomb friction."""
     found = [line for line in data.warnings if TRANSIENT in line]
+    rows = zip(vector.unknowns, np.diag(np.linalg.pinv(2 * A, hermitian=True)), np.diag(covariance), strict=True)
+    if names := [u.name for u, formal, variance in rows if u.scale == "log" and formal < WEAK**2 < variance]:
+        why = "noise of the torques causes too much of the motion that shows them; excite with a higher speed"
+        found.append(f"not determined by the data: {', '.join(names)}: {why}")
     if names := [name for name in with_coulomb(vector.model) if name in vector.names]:
         found.append(
             f"frequency responses do not tell {', '.join(names)} from Coulomb friction: the values of the file are "

@@ -42,7 +42,8 @@ AVERAGINGS = 3  # of springs: the deflections depend on the stiffness and the re
 SMOOTHED = 7  # lines over which a variance from few realizations is averaged
 NOISY = 4.0  # power of noise over that of the spectra, above which a combination of torques has less weight
 EXCESS = 2.0  # measured variance over that of the structure, above which the former is taken
-LEAST_EXCITED = 0.05  # share of excitation in the information of a direction, below which it counts as this
+MOST_BY_NOISE = 0.08  # part of the information of a direction that is noise of the torques, above which it is none
+UNKNOWN = 1.0  # standard deviation of the logarithm that changes most in such a direction
 
 
 class Residuals:
@@ -196,7 +197,8 @@ class Residuals:
 
         ``A = Re J^H J``; W: information of the prior, whose center is as uncertain as it says. B has the covariances
         between the elements of a response that the weights leave out. With structured weights A is without, and B
-        with, what the noise of the torques seems to excite.
+        with, what the noise of the torques seems to excite. Directions of which that is much are not determined: the
+        motor hardly moves, and the compensation is the difference of two uncertain numbers.
         """
         prior = np.diag(self.vector.prior_sd**-2.0)
         _, J = self.weight(x, True)
@@ -208,8 +210,10 @@ class Residuals:
                 for x, y in ((noise, 0 * A), (weight * (1 + noise / max(self.data.periods - 1, 1)), A))
             )
             share, X = eigh(by_noise, A + prior)
-            inverse = X / np.maximum(1.0 - share, LEAST_EXCITED) @ X.T
-            return inverse @ (0.5 * B + prior) @ inverse
+            known = share <= MOST_BY_NOISE
+            inverse = X * (known / (1.0 - np.minimum(share, MOST_BY_NOISE))) @ X.T
+            lost = UNKNOWN * X[:, ~known] / np.abs(X[:, ~known]).max(axis=0, initial=1e-300)
+            return inverse @ (0.5 * B + prior) @ inverse + lost @ lost.T
         inverse = np.linalg.inv(A + prior)
         if self.kind == "lls":
             to_weight = 1.0 / np.abs(self.response(x).G)  # a small error of the logarithm, in sd of the element

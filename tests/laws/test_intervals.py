@@ -14,6 +14,7 @@ import pytest
 from identification_cases import exact_responses, poses_of, without_coulomb
 
 import flexgen
+from flexgen.identification import residuals
 from flexgen.identification.local_model import Drive
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import Residuals
@@ -32,7 +33,8 @@ LIGHT = {"m2.inertia": 2e-4, "m2.viscous": 1e-3}
 class Loop:
     """A robot under P-PI control at two poses, and the fit of its parameters."""
 
-    def __init__(self) -> None:
+    def __init__(self, torque: float = TORQUE) -> None:
+        self.torque = torque
         model = with_values(without_coulomb("planar5_nmp"), LIGHT)
         w = 2 * np.pi * np.geomspace(2.0, 80.0, LINES)
         self.exact = exact_responses(model, poses_of(model, 2), w, Drive(5e-4))
@@ -51,7 +53,7 @@ class Loop:
             return x[0] + 1j * x[1]
 
         reference = SPEED / w * np.exp(2j * np.pi * rng.uniform(size=(2, 1, 1, LINES, 2, 2)))
-        encoder, torque = noise(ENCODER), noise(TORQUE)
+        encoder, torque = noise(ENCODER), noise(self.torque)
         away = self.gain @ (reference - encoder - G @ torque)
         U = np.linalg.solve(np.eye(2) + self.gain @ G, away)
         Y = -(w**2) * (G @ (U + torque) + encoder)
@@ -61,10 +63,12 @@ class Loop:
             noise_UU=found.noise_UU, noise_YU=found.noise_YU,
         )  # fmt: skip
 
-    def errors(self, change: Callable[[flexgen.Frf], flexgen.Frf] = lambda data: data) -> np.ndarray:
+    def errors(
+        self, change: Callable[[flexgen.Frf], flexgen.Frf] = lambda data: data, draws: int = DRAWS
+    ) -> np.ndarray:
         """Errors over stated deviations (draws, n), from the same draws for each change of the responses."""
         out, start = [], self.vector.start
-        for seed in range(DRAWS):
+        for seed in range(draws):
             fit = self.residuals.on(change(self.responses(np.random.default_rng(seed))))
             fit.use_structure(start)
             found = minimize(fit.sums, fit.cost, start, start, self.vector.prior_sd, self.vector.bounds)
@@ -93,3 +97,11 @@ def test_95_percent_intervals_contain_95_percent_of_the_true_values(loop: Loop) 
 def test_planted_weights_with_the_noise_of_the_loop_are_seen(loop: Loop) -> None:
     """The cost is not compensated for the noise of the torques."""
     assert inside(loop.errors(lambda data: replace(data, noise_UU=None, noise_YU=None))) < LEAST
+
+
+def test_what_noise_of_the_torques_hides_has_a_large_deviation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten times the noise; planted: its part of the information counts as all other."""
+    loud = Loop(10 * TORQUE)
+    assert np.abs(loud.errors(draws=3)).max() < 4.0
+    monkeypatch.setattr(residuals, "MOST_BY_NOISE", 1.0)
+    assert np.abs(loud.errors(draws=3)).max() > 8.0
