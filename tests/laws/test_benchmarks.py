@@ -93,8 +93,8 @@ def test_version_1_has_its_published_score_and_hash():
 
 @pytest.mark.slow
 def test_all_published_scores_of_version_1():
-    for (name, controller), total in PUBLISHED.items():
-        assert flexgen.score(name, controller, version=1, progress=False).total == pytest.approx(total, abs=1e-12)
+    for (name, controller), total in PUBLISHED.items():  # without AVX-512 numpy rounds otherwise: up to 4e-12
+        assert flexgen.score(name, controller, version=1, progress=False).total == pytest.approx(total, abs=1e-11)
     assert not flexgen.score("four_mass", "lqg", version=1, progress=False).accepted
 
 
