@@ -14,20 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.memory.lugre import motor_bristles, sliding_torque
+from flexgen.memory.lugre import MotorBristles, motor_bristles, sliding_torque
 from flexgen.model.elements import RobotModel
 
 
 @dataclass(frozen=True)
-class Bristles:
+class Bristles(MotorBristles):
     """The law of some robots in steps of time ``h`` [s]: numbers (robots, 1, n_m), zero where a motor has none."""
 
     h: float
-    coulomb: np.ndarray
-    static: np.ndarray
-    stribeck_speed: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
 
     @property
     def largest(self) -> np.ndarray:
@@ -62,4 +57,4 @@ def bristles_of(models: list[RobotModel], h: float) -> Bristles:
     """The bristles of robots of one kind, for steps of time ``h`` [s]."""
     laws = [motor_bristles(model) for model in models]
     names = "coulomb", "static", "stribeck_speed", "stiffness", "damping"
-    return Bristles(h, *(np.array([getattr(law, name) for law in laws])[:, None] for name in names))
+    return Bristles(**{name: np.array([getattr(law, name) for law in laws])[:, None] for name in names}, h=h)

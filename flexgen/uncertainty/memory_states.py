@@ -10,6 +10,7 @@ On a robot acts -P' (tau - tau_0), P: rows of p, tau_0: torques of the model alo
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -86,7 +87,7 @@ def plan_states(
     return PlannedStates(model, sources, law_of, rows, p, y)
 
 
-class States:
+class States(ABC):
     """The common part of both: where the deviations were, and the torques of the plan."""
 
     def __init__(self, plan: PlannedStates, shape: tuple[int, ...]) -> None:
@@ -107,11 +108,13 @@ class States:
         p = d @ self.plan.rows.T
         self.y, self.before = self._after(k, p - self.before), p
 
+    @abstractmethod
     def _after(self, k: int, change: np.ndarray) -> np.ndarray:
-        raise NotImplementedError
+        """Torques of the parts at the instant k, where p has changed by ``change`` in addition to the plan."""
 
+    @abstractmethod
     def _torque(self, k: int, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        raise NotImplementedError
+        """Torques (robots, rows) in addition to those of the plan, and their derivatives in ``change``."""
 
 
 class RobotStates(States):

@@ -20,8 +20,13 @@ pytestmark = needs_compiler
 PRESLIDING = 5e-3  # rad at the motor: softer bristles than usual, which the loop simulates in less time
 LATE_S = 2e-4
 LOAD = {
-    "type": "gear", "viscous": 0.004, "coulomb": 0.1, "beta": 1.0, "load_coulomb": 0.1, "load_smoothing": 1.0,
-}  # fmt: skip
+    "type": "gear",
+    "viscous": 0.004,
+    "coulomb": 0.1,
+    "beta": 1.0,
+    "load_coulomb": 0.1,
+    "load_smoothing": 1.0,
+}
 
 
 def with_sums() -> flexgen.RobotModel:
