@@ -677,10 +677,26 @@ static inline int residual_part(real *s, const layout *l, int at)
     return status;
 }
 
+/* The data of the linear terms: every interval of the horizon has a factor and a right side of its own. */
+static inline lq_data linear_data(real *s, const layout *l)
+{
+    lq_data data;
+    data.point = s + l->point;
+    data.steady_point = NULL;
+    data.steady_factor = NULL;
+    data.row = s + l->row;
+    data.linear = s + l->linear;
+#if MODEL_FORCE
+    data.own = 0;
+    data.response = 0.0;
+#endif /* MODEL_FORCE */
+    return data;
+}
+
 /* The linear terms of the step, backwards, with the factors as they are now. */
 static inline int linear_part(real *s, const layout *l)
 {
-    const lq_data data = {s + l->point, NULL, NULL, s + l->row, s + l->linear};
+    const lq_data data = linear_data(s, l);
     const mesh m = mesh_of(l, s);
     s[STALE] = 0.0;
     return lq_linear(&m, &data) ? MODEL_OK : MODEL_NOT_CONVERGED;
@@ -689,7 +705,7 @@ static inline int linear_part(real *s, const layout *l)
 /* The step, forwards. */
 static inline void step_part(real *s, const layout *l)
 {
-    const lq_data data = {s + l->point, NULL, NULL, s + l->row, s + l->linear};
+    const lq_data data = linear_data(s, l);
     real first[STATES] = {0.0};
     mesh m = mesh_of(l, s);
     (void)lq_data_step(&m, &data, first);
