@@ -10,12 +10,14 @@ import re
 from collections.abc import Collection, Mapping
 from functools import cache
 from importlib.resources import files
+from operator import eq, gt, ne
 
 from flexgen.codegen.c_text import comment, declaration, macro, size_macro
 from flexgen.codegen.clib_types import CFunction, Enum, Field, Struct
 from flexgen.codegen.constants_header import (
     constants_header,
     count_elements,
+    has_growth,
     has_positions,
     is_bristled,
     is_curved,
@@ -42,12 +44,9 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
-_PARTS = "CURVED|FORCE|HYSTERESIS|HARMONICS|LIMITS|LOAD|LUGRE|MEMORY|POSITION"
-_SECTION = re.compile(
-    rf"^#if MODEL_({_PARTS})\n(.*?)(?:^#else +/\* MODEL_\1 \*/\n(.*?))?"
-    r"^#endif +/\* MODEL_\1 \*/\n",
-    re.DOTALL | re.MULTILINE,
-)
+_PARTS = ("FORCE", "LIMITS", "MEMORY", "POSITION")  # of templates of exports
+_IF = re.compile(r"#if (?:MODEL_)?([A-Z]+)(?: (>|==|!=) (\d+))?\n")
+_COMPARE = {">": gt, "==": eq, "!=": ne}
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
 _LITERAL = re.compile(r"(?<![\w.])(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?![\w.])")  # of a double
 
@@ -62,20 +61,50 @@ def read_clib() -> dict[str, str]:
     return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
 
 
-def keep_parts(text: str, parts: Collection[str]) -> str:
-    """A fixed text with the sections ``#if MODEL_PART`` of these parts, and what is there instead of the others."""
-    return _SECTION.sub(lambda found: keep_parts(found[2] if found[1] in parts else found[3] or "", parts), text)
+def resolve(text: str, values: Mapping[str, int]) -> str:
+    """A fixed text without the lines of conditions that these values decide, and without what they exclude.
 
-
-def render(text: str, name: str, precision: str = "double", parts: Collection[str] = ()) -> str:
-    """A fixed text with the library's name instead of ``model``, and its literals in this precision.
-
-    ``parts``: ``CURVED``, ``FORCE``, ``HYSTERESIS``, ``HARMONICS``, ``LOAD``, ``LUGRE``, ``POSITION`` where it has the
-    parts for hysteresis by another law than Dahl's, for forces on the output, for gears with hysteresis, for Fourier
-    sums of motor angles, for frictions with a load, for those with a state, for positions to send, which other
-    libraries do not have; in files of exports ``LIMITS`` for limits of streams, ``MEMORY`` for torques with states.
+    Parameters
+    ----------
+    text : str
+    values : mapping of str to int
+        By name of a macro without ``MODEL_``. Decided is ``#if`` of such a macro, or of one compared with a number.
     """
-    text = keep_parts(text, parts)
+    lines: list[str] = []
+    cut = False
+    taken: list[bool | None] = []  # of the conditions around a line; None: not decided
+    for line in text.splitlines(keepends=True):
+        word = line[1:].split()[0] if line.startswith(("#if", "#else", "#endif")) else ""
+        if word.startswith("if"):
+            found = _IF.match(line)
+            decided = found is not None and found[1] in values
+            taken.append(
+                _COMPARE[found[2] or "!="](values[found[1]], int(found[3] or 0)) if found and decided else None
+            )
+        of_text = word == "" or taken[-1] is None
+        if word == "else" and not of_text:
+            taken[-1] = not taken[-1]
+        if not of_text or False in taken:
+            cut = True
+        elif not cut or line != "\n" or lines[-1:] != ["\n"]:  # no second empty line where a text is left out
+            lines.append(line)
+            cut = False
+        if word == "endif":
+            taken.pop()
+    return "".join(lines)
+
+
+def keep_parts(text: str, parts: Collection[str]) -> str:
+    """A template of an export with the sections ``#if MODEL_PART`` of these parts, and what is there instead of others.
+
+    ``FORCE``, ``POSITION``: as in the C of the library; ``LIMITS``: limits of streams; ``MEMORY``: torques with states.
+    """
+    return resolve(text, {part: part in parts for part in _PARTS})
+
+
+def render(text: str, name: str, precision: str = "double", values: Mapping[str, int] | None = None) -> str:
+    """A fixed text with the library's name instead of ``model`` and its literals in this precision; see `resolve`."""
+    text = resolve(text, values or {})
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
     text = re.sub(r"\bMODEL_", f"{name.upper()}_", text)
     if precision == "double":
@@ -110,7 +139,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     if not spec.inverts or spec.motor_constants is None:
         return {}
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
-    has = {
+    values = {
         "CURVED": is_curved(spec),
         "FORCE": spec.force,
         "HYSTERESIS": count_elements(spec) > 0,
@@ -118,13 +147,18 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         "LOAD": is_loaded(spec),
         "LUGRE": is_bristled(spec),
         "POSITION": has_positions(spec),
+        "NE": spec.sizes["n_e"],
+        "POSE": spec.motor_constants.pose,
+        "PARAMETERS": len(spec.parameters),
+        "GROWS": has_growth(spec),
+        "BYTES": 8 if spec.precision == "double" else 4,
     }
-    parts, files = (
-        [part for part in has if has[part]],
-        {"hysteresis.h": "HYSTERESIS", "lugre.h": "LUGRE", "servo.h": "POSITION"},
-    )
-    names = [name for name in names if files.get(name) in (None, *parts)]
-    texts = {name: render(read_clib()[name], spec.name, spec.precision, parts) for name in names}
+    files = {"hysteresis.h": "HYSTERESIS", "lugre.h": "LUGRE", "servo.h": "POSITION"}
+    texts = {
+        name: render(read_clib()[name], spec.name, spec.precision, values)
+        for name in names
+        if name not in files or values[files[name]]
+    }
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)

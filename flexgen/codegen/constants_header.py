@@ -42,6 +42,11 @@ def has_positions(spec: LibrarySpec) -> bool:
     return spec.motor_constants is not None and spec.motor_constants.servo is not None
 
 
+def has_growth(spec: LibrarySpec) -> bool:
+    """Whether the library has the function growth."""
+    return any(f.file == "growth.c" for f in spec.c_functions)
+
+
 def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERTING) -> int:
     """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
     used = (f for f in spec.functions if f.name in names)
@@ -155,7 +160,7 @@ def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
 def _for_growth(spec: LibrarySpec, written: Mapping[str, FunctionText], arm_side: str) -> str:
     """What the function growth needs: scales of positions, and the linearization with a workspace of its own."""
     prefix = spec.name.upper()
-    grows = any(f.file == "growth.c" for f in spec.c_functions)
+    grows = has_growth(spec)
     flag = f"#define {prefix}_GROWS {int(grows)} /* the library has the function growth */\n"
     if not grows:
         return flag

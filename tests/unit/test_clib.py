@@ -14,7 +14,7 @@ from emitted import ROOT, _folder, run
 from hysteretic import hysteretic
 from toolchain import CC, needs_compiler, tool
 
-from flexgen.codegen.clib_files import SOLVERS, read_clib
+from flexgen.codegen.clib_files import SOLVERS, read_clib, resolve
 from flexgen.codegen.emit import emit
 from flexgen.codegen.interface import PARTS
 from flexgen.codegen.spec import library_spec
@@ -78,6 +78,49 @@ def test_every_file_compiles_on_its_own(name, kind):
         if done.returncode:
             failed.append((file, done.stderr[:600]))
     assert not failed, failed
+
+
+NESTED = """\
+a
+#if MODEL_NE > 0
+b
+#if defined(X)
+c
+#else
+d
+#endif
+#else /* MODEL_NE */
+e
+#if MODEL_POSE
+f
+#endif
+#endif
+g
+"""
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"NE": 2, "POSE": 1}, "a b #if defined(X) c #else d #endif g"),
+        ({"NE": 0, "POSE": 1}, "a e f g"),
+        ({"NE": 0, "POSE": 0}, "a e g"),
+        ({"POSE": 0}, "a #if MODEL_NE > 0 b #if defined(X) c #else d #endif #else /* MODEL_NE */ e #endif g"),
+    ],
+)
+def test_conditions_are_decided_where_their_values_are_known(values, expected):
+    assert " ".join(resolve(NESTED, values).split()) == expected
+
+
+@pytest.mark.parametrize(("text", "BYTES", "kept"), [("== 8", 8, True), ("== 8", 4, False), ("!= 8", 4, True)])
+def test_conditions_compare(text, BYTES, kept):
+    assert resolve(f"#if BYTES {text}\na\n#endif\n", {"BYTES": BYTES}) == "a\n" * kept
+
+
+@pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
+def test_sources_have_no_condition_that_the_model_decides(name):
+    text = "".join(path.read_text(encoding="ascii") for path in (library(name) / "src").iterdir())
+    assert re.findall(r"#if (?!LANES|WORK|FLT_EVAL)[A-Z].*", text) == []
 
 
 @needs_compiler

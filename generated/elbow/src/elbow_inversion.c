@@ -234,116 +234,6 @@ elbow_status elbow_growth(
  * It does not end before the deflections of damped gears have decayed, see `shortest_motion_after`.
  */
 
-#if ELBOW_NE > 0
-
-static const real held_time = 0.5; /* s: HELD */
-
-typedef struct {
-    real allowed;       /* what may be left [m or rad]; 0: the motion is not cut */
-    real q[NA];         /* the equilibrium */
-    real X[2 * NY][NE]; /* W_e and D there */
-    real shortest;      /* motion after the path, at least [s] */
-    int intervals;      /* with motion */
-} settling;
-
-/* The matrices at the equilibrium, M by inverse dynamics of unit accelerations. */
-static inline int settling_at(const real *target, problem_points *arm, settling *s, real *space)
-{
-    real M[NG][NG + NE], at_rest[NG];
-    for (int i = 0; i < NT; ++i) {
-        for (int l = 0; l < POINTS; ++l) {
-            arm->target[i][l] = target[i];
-        }
-    }
-    for (int begin = 0; begin <= NA; begin += POINTS) {
-        int status;
-        for (int i = 0; i < NA; ++i) {
-            for (int l = 0; l < POINTS; ++l) {
-                arm->q[i][l] = s->q[i];
-                arm->v[i][l] = 0.0;
-                arm->a[i][l] = begin + l == i + 1 ? 1.0 : 0.0; /* the first: at rest */
-            }
-        }
-        status = evaluate_rows(arm, space);
-        if (status != ELBOW_OK) {
-            return status;
-        }
-        for (int i = 0; i < NG; ++i) {
-            at_rest[i] = begin == 0 ? arm->tau_g[i][0] : at_rest[i];
-            for (int j = 0; j < NG + NE; ++j) {
-                const int l = (j < NG ? i_g[j] : i_e[j - NG]) + 1 - begin;
-                if (l >= 0 && l < POINTS) {
-                    M[i][j] = arm->tau_g[i][l] - at_rest[i];
-                }
-            }
-        }
-    }
-    (void)solve_plain(&M[0][0], NG, NG + NE);
-    evaluate_constraint(arm, space);
-    for (int i = 0; i < NY; ++i) {
-        for (int j = 0; j < NE; ++j) {
-            s->X[i][j] = arm->W[i_e[j]][i][0];
-            s->X[NY + i][j] = -s->X[i][j];
-            for (int k = 0; k < NG; ++k) {
-                s->X[NY + i][j] += arm->W[i_g[k]][i][0] * M[k][NG + j];
-            }
-        }
-    }
-    return ELBOW_OK;
-}
-
-/* Whether the remaining motion at node k of the mesh moves the output by more than `allowed`. */
-static inline int moves_at(const mesh *m, const settling *s, ptrdiff_t k, real allowed)
-{
-    const real *y = m->y + k * STATES;
-    for (int part = 0; part < 2; ++part) {
-        real squares[2] = {0.0, 0.0};
-        for (int i = part * NY; i < (part + 1) * NY; ++i) {
-            real q = 0.0, v = 0.0;
-            for (int j = 0; j < NE; ++j) {
-                q += s->X[i][j] * (y[j] - m->equilibrium[j]);
-                v += s->X[i][j] * held_time * y[NE + j];
-            }
-            squares[0] += q * q;
-            squares[1] += v * v;
-        }
-        if (!(fmax_1(squares[0], squares[1]) <= allowed * allowed)) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
-/*
- * Leave out the intervals after the motion, but for those that its last derivatives need. Half of what is allowed: the
- * next steps change the motion, and a vibration can be larger between two nodes.
- */
-static inline void cut_mesh(mesh *m, int samples_per_interval, settling *s)
-{
-    const int margin = (BEYOND + samples_per_interval - 1) / samples_per_interval;
-    int k = m->N;
-    while ((real)(k - m->varying) * m->h > s->shortest && !moves_at(m, s, k, 0.5 * s->allowed)) {
-        --k;
-    }
-    if (k + 1 + margin < m->N) {
-        m->N = k + 1 + margin;
-        s->intervals = k + 1;
-    }
-}
-
-/* Whether the motion that has been found moves after its end, which was chosen before its last steps. */
-static inline int is_cut_early(const mesh *m, const settling *s)
-{
-    for (int k = s->intervals; s->intervals < m->N && k <= m->N; ++k) {
-        if (moves_at(m, s, k, s->allowed)) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
-#endif
-
 /*
  * --- Gauss-Newton steps of the inversion along a whole path.
  *
@@ -353,130 +243,7 @@ static inline int is_cut_early(const mesh *m, const settling *s)
  * not exact, as unstable zeros of very different size hide each other, each has a factor of its own.
  */
 
-#if ELBOW_NE > 0
-
-enum { MORE_STEPS = 2 };
-
-static const real unchanged = PRECISE(1e-7, 1e-4);
-
-/* The factors of all intervals that have their own, from the cost of an endless equilibrium after them. */
-static inline int lq_path_factor(mesh *m, real *point, const lq_data *c, lq_space *w, real *space)
-{
-    int status;
-    copy(m->end, STATES * STATES, w->P);
-    for (int i = 0; i < STATES; ++i) {
-        w->p[i] = 0.0;
-    }
-    status = m->factored > m->varying ? lq_factor_alike(m, m->varying, c->steady_point, w) : ELBOW_OK;
-    return status == ELBOW_OK ? lq_factor_before(m, m->varying, point, w, space) : status;
-}
-
-/* The residuals before the first step: those of the factors; the intervals after the path are at equilibrium. */
-static inline void lq_path_first_rows(mesh *m, const lq_data *c)
-{
-    const ptrdiff_t at = (ptrdiff_t)m->varying * STAGES, all = (ptrdiff_t)m->N * STAGES;
-    for (ptrdiff_t k = 0; k < at; ++k) {
-        copy(c->point + k * POINT + NE * TRIPLE, NE, c->row + k * NE);
-    }
-    for (ptrdiff_t i = at * NE; i < all * NE; ++i) {
-        c->row[i] = 0.0;
-    }
-}
-
-/*
- * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with those of an earlier
- * motion gains less than a factor of ten. Where the residual is small enough, up to MORE_STEPS follow until the next
- * one would change the motion by less than the share `unchanged` of the first: factors of another motion leave an error
- * of the motion that the residual hardly shows. cut: the motion ends where it has settled after the first step, which
- * is nearly the last one.
- */
-static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const elbow_inversion_options *o, int cut,
-    settling *end, whole_report *report, lq_space *w, real *space)
-{
-    const real tolerance = o->tolerance;
-    newton progress = {-1.0, 0, 0};
-    real first = 0.0, last = 0.0; /* sizes of steps */
-    int must_factor = 1, more = 0;
-    for (;;) {
-        const real before = progress.before;
-        real size, next;
-        int state, status = ELBOW_OK;
-        report->iterations = progress.steps + 1;
-        if (must_factor) {
-            status = lq_path_factor(m, point, c, w, space);
-        }
-        if (status == ELBOW_OK && progress.steps == 0) {
-            lq_path_first_rows(m, c);
-        }
-        if (status == ELBOW_OK && !lq_linear(m, c)) {
-            status = ELBOW_NOT_CONVERGED;
-        }
-        if (status != ELBOW_OK) {
-            return status;
-        }
-        {
-            real d[STATES] = {0.0};
-            size = lq_data_step(m, c, d);
-        }
-        if (progress.steps == 0 && cut) {
-            cut_mesh(m, o->samples_per_interval, end);
-        }
-        status = evaluate_residual(m, c->row, w, space);
-        if (status != ELBOW_OK) {
-            return status;
-        }
-        state = newton_state(&progress, m->residual, tolerance, 1e-2);
-        first = fmax_1(first, size);
-        next = last > 0.0 ? (must_factor ? 0.0 : size * (size / last)) : m->varying < m->N ? size : 0.0;
-        if (state == NEWTON_CONTINUES && last > 0.0 && !must_factor && m->residual <= tolerance &&
-            next <= unchanged * first) {
-            state = NEWTON_CONVERGED; /* what is left is the regularization, which no step changes */
-        }
-        if (state == NEWTON_FAILED ||
-            (state == NEWTON_CONVERGED && (!(next > unchanged * first) || more == MORE_STEPS))) {
-            return state == NEWTON_CONVERGED ? ELBOW_OK : ELBOW_NOT_CONVERGED;
-        }
-        more += state == NEWTON_CONVERGED;
-        must_factor = state == NEWTON_CONTINUES && before >= 0.0 && m->residual > 0.1 * before;
-        progress.before = m->residual;
-        last = size;
-    }
-}
-
-#endif
-
 /* --- The function invert. */
-
-#if ELBOW_NE > 0
-enum { SWEEPS = 40, SWEEP = 8 }; /* sweeps for the cost of an endless equilibrium; their intervals */
-
-static const real cost_change = 1e-2; /* from sweep to sweep, where the cost of an endless equilibrium has converged */
-
-/* Where the arrays of this solver are, after those of both. */
-typedef struct {
-    int64_t cost, y, a, q_g, reference, steady_factor, steady_point, point, row, linear, settling, lq, end;
-} lq_layout;
-
-static lq_layout lay_out_lq(const whole_layout *l)
-{
-    lq_layout own;
-    int64_t at = l->end;
-    TAKE(at, own.cost, STATES * STATES);
-    TAKE(at, own.y, 2 * STATES);
-    TAKE(at, own.a, CONTROLS);
-    TAKE(at, own.q_g, STAGES * NG);
-    TAKE(at, own.reference, STAGES * REFERENCE);
-    TAKE(at, own.steady_factor, CONTROLS * WIDTH);
-    TAKE(at, own.steady_point, STAGES * POINT + BLOCK);
-    TAKE(at, own.point, l->varying * STAGES * POINT + BLOCK);
-    TAKE(at, own.row, l->intervals * STAGES * NE);
-    TAKE(at, own.linear, l->intervals * CONTROLS);
-    TAKE(at, own.settling, (int64_t)((sizeof(settling) + sizeof(real) - 1) / sizeof(real)));
-    TAKE(at, own.lq, (int64_t)(sizeof(lq_space) / sizeof(real)));
-    own.end = at;
-    return own;
-}
-#endif
 
 int64_t elbow_invert_work(int n, const elbow_inversion_options *options)
 {
@@ -485,104 +252,11 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options)
     if (options == NULL || !path_sizes_fit(n, options)) {
         return -1;
     }
-#if ELBOW_NE > 0
-    l = lay_out(n, options, CONTROLS * WIDTH, 1);
-    end = lay_out_lq(&l).end;
-#else
     l = lay_out(n, options, 0, 0);
     end = l.end + padded((int64_t)(sizeof(problem_points) / sizeof(real)));
-#endif
-#if ELBOW_GROWS
     end = options->growth && end < elbow_growth_work() ? elbow_growth_work() : end;
-#endif
     return is_addressable(end) ? end : -1;
 }
-
-#if ELBOW_NE > 0
-/*
- * Equilibrium at the end of the path, to which the first guess of the motion leads; the cost of a state that differs
- * from it, for the end of the mesh; and when the motion has settled there.
- */
-static int prepare_end(
-    mesh *m, const whole_layout *l, const lq_layout *own, const real *target, const real *q_start, real *work)
-{
-    lq_space *w = (lq_space *)(void *)(work + own->lq);
-    const real *joints = m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG;
-    real q[NA], scale[NE], reference[REFERENCE] = {0.0};
-    settling *end = (settling *)(void *)(work + own->settling);
-    mesh hold = *m;
-    int status, is_exact = 0;
-    copy(q_start, NA, q);
-    for (int i = 0; i < NG; ++i) {
-        q[i_g[i]] = joints[i];
-    }
-    status = equilibrium_at(target, q, scale, work + l->space);
-    if (status != ELBOW_OK) {
-        return status;
-    }
-    copy(target, NT, reference);
-    hold.N = 1;
-    hold.y = work + own->y;
-    hold.a = work + own->a;
-    hold.q_g = work + own->q_g;
-    hold.reference = work + own->reference;
-    hold.factor = work + own->steady_factor;
-    for (int i = 0; i < STATES; ++i) {
-        hold.y[i] = hold.y[STATES + i] = i < NE ? q[i_e[i % NE]] : 0.0;
-    }
-    for (int i = 0; i < CONTROLS; ++i) {
-        hold.a[i] = 0.0;
-    }
-    for (int k = 0; k < STAGES; ++k) {
-        for (int i = 0; i < NG; ++i) {
-            hold.q_g[k * NG + i] = q[i_g[i]];
-        }
-        copy(reference, REFERENCE, hold.reference + k * REFERENCE);
-    }
-    status = lq_stationary_cost(&hold, SWEEP, m->N / SWEEP > SWEEPS ? m->N / SWEEP : SWEEPS, regularization,
-        cost_change, w, work + l->space, work + own->cost, &is_exact);
-    copy(w->point, STAGES * POINT, work + own->steady_point);
-    m->factored = is_exact ? m->varying : m->N;
-    m->end = work + own->cost;
-    m->equilibrium = hold.y;
-    copy(q, NA, end->q);
-    end->intervals = m->N;
-    move_smoothly(m, hold.y);
-    for (ptrdiff_t k = (ptrdiff_t)m->varying * STAGES; k < (ptrdiff_t)m->N * STAGES; ++k) {
-        copy(hold.q_g, NG, m->q_g + k * NG);
-    }
-    return status == ELBOW_OK && end->allowed > 0.0 ? settling_at(target, &w->arm, end, work + l->space) : status;
-}
-
-/* The motion on the mesh; cut: it ends where it has settled after the first step, else after the last one. */
-static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, const elbow_samples *p, const real *q,
-    const elbow_inversion_options *options, int cut, whole_report *report, real *work)
-{
-    lq_space *w = (lq_space *)(void *)(work + own->lq);
-    settling *end = (settling *)(void *)(work + own->settling);
-    lq_data c;
-    int status = guess_mesh(m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l->space);
-    if (status == ELBOW_OK) {
-        status = prepare_end(m, l, own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
-    }
-    if (status != ELBOW_OK) {
-        return status;
-    }
-    c.point = work + own->point;
-    c.row = work + own->row;
-    c.linear = work + own->linear;
-    c.steady_point = work + own->steady_point;
-    c.steady_factor = work + own->steady_factor;
-    status = lq_path_solve(m, work + own->point, &c, options, cut, end, report, w, work + l->space);
-    report->residual = m->residual;
-    report->intervals = m->N;
-    if (status == ELBOW_OK && !cut && end->allowed > 0.0) {
-        cut_mesh(m, options->samples_per_interval, end);
-    }
-    return status;
-}
-
-#endif
 
 /* As elbow_invert, with a report instead of its info. */
 static elbow_status invert_path(const elbow_samples *p, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
@@ -591,41 +265,12 @@ static elbow_status invert_path(const elbow_samples *p, PARAMETERS_ARGUMENT cons
     const int64_t wanted = p == NULL ? -1 : elbow_invert_work(p->n, options);
     whole_layout l;
     real q[NA];
-#if ELBOW_NE == 0
     ptrdiff_t samples;
-#endif
     int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, report, work, work_size, wanted);
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
     copy(q_start, NA, q);
-#if ELBOW_NE > 0
-    {
-        lq_layout own;
-        settling *end;
-        mesh m;
-        l = lay_out(p->n, options, CONTROLS * WIDTH, 1);
-        keep_parameters(GIVEN_PARAMETERS, work + l.space);
-        own = lay_out_lq(&l);
-        end = (settling *)(void *)(work + own.settling);
-        end->allowed = options->settled;
-        end->shortest = shortest_motion_after(work + l.space);
-        m = mesh_in(&l, p, options, work);
-        status = equilibrium_at(p->y, q, m.scale, work + l.space);
-        if (status == ELBOW_OK) {
-            status = motion_on_mesh(&m, &l, &own, p, q, options, end->allowed > 0.0, report, work);
-        }
-        if (status == ELBOW_OK && is_cut_early(&m, end)) {
-            m = mesh_in(&l, p, options, work);
-            status = motion_on_mesh(&m, &l, &own, p, q, options, 0, report, work);
-        }
-        if (status != ELBOW_OK) {
-            return (elbow_status)status;
-        }
-        return finish(p, options, &l, q, &m, end->q, end->intervals * (ptrdiff_t)options->samples_per_interval + 1,
-            &((lq_space *)(void *)(work + own.lq))->arm, motion, report, work);
-    }
-#else
     l = lay_out(p->n, options, 0, 0);
     keep_parameters(GIVEN_PARAMETERS, work + l.space);
     status = equilibrium_at(p->y, q, NULL, work + l.space);
@@ -641,7 +286,6 @@ static elbow_status invert_path(const elbow_samples *p, PARAMETERS_ARGUMENT cons
         }
     }
     return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end), motion, report, work);
-#endif
 }
 
 elbow_status elbow_invert(const elbow_samples *samples, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
@@ -663,13 +307,11 @@ elbow_status elbow_invert(const elbow_samples *samples, PARAMETERS_ARGUMENT cons
         info->n_post = report.n_post;
         info->growth = (real)NAN;
     }
-#if ELBOW_GROWS
     if (grows && status >= 0) { /* the workspace is free again; where it fails, the torques are right all the same */
         real *growth = &info->growth;
         const int n = options->n_pre + samples->n + report.n_post;
         (void)elbow_growth(motion, n, samples->period, PASSED_PARAMETERS growth, work, work_size);
     }
-#endif
     return status;
 }
 
@@ -815,13 +457,6 @@ static inline int set_joints(real *s, const layout *l, const real *q)
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     real *q_g = s + l->q_g, last[NG];
     problem_points *arm = arm_of(l, s);
-#if ELBOW_NE > 0
-    static const real zero[NE] = {0.0};
-    real q_e[NE];
-    for (int i = 0; i < NE; ++i) {
-        q_e[i] = q[i_e[i]];
-    }
-#endif
     for (int i = 0; i < NG; ++i) {
         q_g[N * STAGES * NG + i] = last[i] = q[i_g[i]];
     }
@@ -831,9 +466,6 @@ static inline int set_joints(real *s, const layout *l, const real *q)
         for (int point = 0; point < POINTS; ++point) {
             load_reference(arm, point, s + l->reference + k * REFERENCE);
             load_joints(arm, point, last);
-#if ELBOW_NE > 0
-            load_elastic(arm, point, q_e, zero, zero);
-#endif
         }
         status = solve_kinematics(arm, s + l->space);
         if (status != ELBOW_OK) {
@@ -850,105 +482,12 @@ static inline int set_joints(real *s, const layout *l, const real *q)
     return ELBOW_OK;
 }
 
-#if ELBOW_NE > 0
-
-enum { MOVING_STEPS = 6 }; /* Gauss-Newton steps; the problem is almost linear in the deflections */
-
-static const real first_state_weight = PRECISE(1e-6, 1e-3);
-
-/* The quasi-static motion at all nodes as target states, and a motion close to it in the mesh. */
-static inline int set_quasistatic(real *s, const layout *l)
-{
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS], guess_at = (N * STAGES - 1) * NG;
-    mesh m = mesh_of(l, s);
-    real last[NG], *y = s + l->y, *a = s + l->a, *newest = m.target_state + N * STATES;
-    copy(s + l->q_g + guess_at, NG, last);
-    for (ptrdiff_t j = LAST - 1; j <= l->past + N; ++j) { /* the first one twice: Newton's method converges */
-        for (int again = j == LAST - 1 ? 2 : 1; again > 0; --again) {
-            const ptrdiff_t k = j < l->past ? 0 : j - l->past < N ? j - l->past : N - 1;
-            int status;
-            copy(s + l->q_g + k * STAGES * NG, NG, s + l->q_g + guess_at);
-            status = quasistatic_motion(
-                &m, (lq_space *)(void *)(s + l->lq), s + l->levels, s + l->nodes + j * REFERENCE, s + l->space);
-            if (status != ELBOW_OK) {
-                return status;
-            }
-        }
-        copy(newest, STATES, y + j * STATES);
-        if (j >= l->past) {
-            copy(newest, STATES, m.target_state + (j - l->past) * STATES);
-        }
-    }
-    copy(last, NG, s + l->q_g + guess_at);
-    for (ptrdiff_t j = 0; j < LAST - 1; ++j) {
-        copy(y + (LAST - 1) * STATES, STATES, y + j * STATES);
-    }
-    for (ptrdiff_t j = 0; j < l->past + N; ++j) {
-        for (int i = 0; i < CONTROLS; ++i) {
-            const real *speed = y + j * STATES + NE + i % NE;
-            a[j * CONTROLS + i] = (speed[STATES] - speed[0]) / m.h;
-        }
-    }
-    for (ptrdiff_t k = 0; k < N; ++k) {
-        next_node(m.y + k * STATES, m.a + k * CONTROLS, m.h, m.y + (k + 1) * STATES);
-    }
-    return ELBOW_OK;
-}
-
-/* The best change of the first state, scaled, from its cost to go. */
-static inline int first_state(const mesh *m, const lq_space *w, real d[STATES])
-{
-    real M[STATES][STATES + 1]; /* and the right side */
-    for (int i = 0; i < STATES; ++i) {
-        for (int j = 0; j < STATES; ++j) {
-            M[i][j] = w->P[i * STATES + j];
-        }
-        M[i][i] += first_state_weight;
-        M[i][STATES] = -w->p[i] - first_state_weight * target_distance(m, 0, i);
-    }
-    if (!solve_plain(&M[0][0], STATES, STATES + 1)) { /* positive definite */
-        return ELBOW_NOT_CONVERGED;
-    }
-    for (int i = 0; i < STATES; ++i) {
-        d[i] = M[i][STATES];
-    }
-    return is_finite(d, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
-}
-
-/* The motion of the horizon from its quasi-static motion. */
-static inline int solve_horizon(real *s, const layout *l)
-{
-    mesh m = mesh_of(l, s);
-    lq_space *w = (lq_space *)(void *)(s + l->lq);
-    int status = ELBOW_OK;
-    for (int step = 0; step < MOVING_STEPS && status == ELBOW_OK; ++step) {
-        real d[STATES];
-        status = lq_factor(&m, w, s + l->space);
-        if (status == ELBOW_OK) {
-            status = first_state(&m, w, d);
-        }
-        if (status == ELBOW_OK) {
-            lq_step(&m, d);
-        }
-    }
-    copy(w->P, STATES * STATES, s + l->cost);
-    s[STALE] = 1.0; /* only the factors are known */
-    return status;
-}
-
-#endif
-
 /* The arm's coordinates at the equilibrium at which a stream was started. */
 static inline void joints_at_start(const real *s, const layout *l, real q[NA])
 {
     for (int i = 0; i < NG; ++i) {
         q[i_g[i]] = s[l->q_g + i];
     }
-#if ELBOW_NE > 0
-    for (int i = 0; i < NE; ++i) {
-        q[i_e[i]] = s[l->y + i];
-    }
-#endif
 }
 
 /* The stream, at equilibrium now, is on the path instead. */
@@ -957,14 +496,6 @@ static inline int set_moving(real *s, const layout *l, const elbow_samples *p, p
     int status;
     set_path(s, l, p, now);
     status = set_joints(s, l, q);
-#if ELBOW_NE > 0
-    if (status == ELBOW_OK) {
-        status = set_quasistatic(s, l);
-    }
-    if (status == ELBOW_OK) {
-        status = solve_horizon(s, l);
-    }
-#endif
     return status;
 }
 
@@ -981,14 +512,6 @@ static inline int set_moving(real *s, const layout *l, const elbow_samples *p, p
  */
 enum {
     NO_UPDATE,
-#if ELBOW_NE > 0
-    PART_SHIFT,
-    PART_RESIDUAL,
-    PART_POINTS,
-    PART_FACTOR,
-    PART_LINEAR,
-    PART_STEP,
-#endif
     PART_ARM,
     PART_MOTORS,
     PART_LIMITS,
@@ -1006,14 +529,6 @@ static inline update_part next_part_of(const real *s)
     return p;
 }
 
-#if ELBOW_NE > 0
-/* Intervals of the group from `next` on; `*next` becomes that after it. */
-static inline int group_from(const real *s, int *next, int *list)
-{
-    return refreshed((int)s[INTERVALS], s[STALE] > 0.0, next, list);
-}
-#endif
-
 /*
  * Approximate cost of a part: microseconds with 6 motors and 12 coordinates without motor on a processor with vectors
  * of 8 numbers. Only the distribution of the work depends on it.
@@ -1021,49 +536,16 @@ static inline int group_from(const real *s, int *next, int *list)
 static inline int cost_of_part(const real *s, const layout *l, update_part p)
 {
     static const int cost[PARTS_END] = {0,
-#if ELBOW_NE > 0
-        47, 4, 5, 7, 15, 15,
-#endif
         20, 5, 60};
-#if ELBOW_NE > 0
-    if (p.part == PART_POINTS) { /* for each interval */
-        int list[GROUP], next = p.at;
-        return cost[p.part] * group_from(s, &next, list);
-    }
-#endif
     return p.part == PART_LIMITS && !(s[l->limits] > 0.0) ? 0 : cost[p.part];
 }
 
 /* The part after p. */
 static inline update_part part_after(const real *s, update_part p)
 {
-#if ELBOW_NE > 0
-    if (p.part == PART_RESIDUAL && p.at + POINTS < (int)s[INTERVALS] * STAGES) {
-        p.at += POINTS;
-        return p;
-    }
-    if (p.part == PART_FACTOR) {
-        int list[GROUP], next = p.at;
-        const int count = group_from(s, &next, list);
-        if (p.within + 1 < count) {
-            p.within += 1;
-            return p;
-        }
-        if (count == GROUP && next < (int)s[INTERVALS]) {
-            p.part = PART_POINTS;
-            p.at = next;
-            p.within = 0;
-            return p;
-        }
-    }
-#else
     (void)s;
-#endif
     p.part += 1;
     if (p.part != PARTS_END
-#if ELBOW_NE > 0
-        && p.part != PART_FACTOR
-#endif
     ) {
         p.at = p.within = 0;
     }
@@ -1125,29 +607,6 @@ static inline int do_part(real *s, const layout *l, update_part p)
 {
     const interval_results out = results_in(s, l);
     switch (p.part) {
-#if ELBOW_NE > 0
-    case PART_SHIFT:
-        return shift_motion(s, l);
-    case PART_RESIDUAL:
-        return residual_part(s, l, p.at);
-    case PART_POINTS:
-    case PART_FACTOR: {
-        int list[GROUP], next = p.at;
-        const int count = group_from(s, &next, list);
-        if (p.part == PART_FACTOR) {
-            return refresh_factor(s, l, list[p.within]);
-        }
-        if (p.at == 0) {
-            begin_points(arm_of(l, s));
-        }
-        return refresh_points(s, l, list, count);
-    }
-    case PART_LINEAR:
-        return linear_part(s, l);
-    case PART_STEP:
-        step_part(s, l);
-        return ELBOW_OK;
-#endif
     case PART_ARM:
         return arm_in_window(s, l, &out, s + RESIDUAL);
     case PART_MOTORS:
@@ -1184,9 +643,6 @@ static real *memory_of(const elbow_stream *stream)
 }
 
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
-#if ELBOW_NE > 0
-static const real initial_weight = 1e-4; /* before the first of them */
-#endif
 
 int64_t elbow_stream_work(const elbow_stream_options *options)
 {
@@ -1216,21 +672,6 @@ static void set_equilibrium(real *s, const layout *l, const real *target, const 
             s[l->q_g + k * NG + i] = q[i_g[i]];
         }
     }
-#if ELBOW_NE > 0
-    for (ptrdiff_t k = 0; k <= l->past + N; ++k) {
-        for (int i = 0; i < NE; ++i) {
-            s[l->y + k * STATES + i] = q[i_e[i]];
-            s[l->y + k * STATES + NE + i] = 0.0;
-        }
-    }
-    for (ptrdiff_t k = 0; k < (l->past + N) * CONTROLS; ++k) {
-        s[l->a + k] = 0.0;
-    }
-    copy(s + l->y, (N + 1) * STATES, s + l->target_state);
-    for (int k = 0; k < LEVELS * LAST; ++k) {
-        copy(s + l->y, NE, s + l->levels + k * NE);
-    }
-#endif
 }
 
 /* Deflections of the gears at the equilibrium q. */
@@ -1239,12 +680,7 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     static const real zero[NA] = {0.0};
     real tau[NG], stiffness[NG];
     int status;
-#if ELBOW_NE > 0
-    real row[NE];
-    status = inner_status(evaluate_inversion_rows(q, zero, zero, tau, row, space));
-#else
     status = inner_status(evaluate_inversion_rows(q, zero, zero, tau, space));
-#endif
     if (status != ELBOW_OK) {
         return status;
     }
@@ -1274,11 +710,6 @@ COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stre
     if (!is_finite(y, NT) || !is_finite(parameters_given, PARAMETERS) || !is_finite(q_start, NA)) {
         return ELBOW_INPUT_NOT_FINITE;
     }
-#if ELBOW_POSE
-    if (!is_rotation(y + 3)) {
-        return ELBOW_BAD_ARGUMENT;
-    }
-#endif
     space = stream + l.space;
     keep_parameters(parameters_given, space);
     copy(q_start, NA, q);
@@ -1302,20 +733,6 @@ COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stre
         return (elbow_status)status;
     }
     set_equilibrium(stream, &l, y, q);
-#if ELBOW_NE > 0
-    {
-        mesh hold = mesh_of(&l, stream);
-        int is_exact = 0;
-        status = lq_stationary_cost(&hold, hold.N, SETTLING_SWEEPS, initial_weight, 0.0,
-            (lq_space *)(void *)(stream + l.lq), space, stream + l.cost, &is_exact);
-        if (status != ELBOW_OK) {
-            return (elbow_status)status;
-        }
-        for (ptrdiff_t k = 1; k < hold.N; ++k) { /* all intervals are like the first one */
-            copy(hold.factor, CONTROLS * WIDTH, hold.factor + k * CONTROLS * WIDTH);
-        }
-    }
-#endif
     status = deflection_at_equilibrium(q, stream + l.now, space);
     if (status == ELBOW_OK) {
         stream[STATE] = IS_RUNNING;
@@ -1328,30 +745,6 @@ static int has_begun(const real *stream)
 {
     return stream[PART] > (real)NO_UPDATE;
 }
-
-#if ELBOW_PARAMETERS > 0
-COLD elbow_status elbow_stream_parameters(const elbow_stream *given, const real parameters[ELBOW_PARAMETERS])
-{
-    real *stream = memory_of(given);
-    layout l;
-    if (stream == NULL || parameters == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-    if (!is_running(stream)) {
-        return ELBOW_NOT_STARTED;
-    }
-    if (has_begun(stream)) {
-        return ELBOW_BAD_ARGUMENT;
-    }
-    if (!is_finite(parameters, PARAMETERS)) {
-        return ELBOW_INPUT_NOT_FINITE;
-    }
-    l = layout_of(stream);
-    stream[STALE] = 1.0;
-    keep_parameters(parameters, stream + l.space);
-    return ELBOW_OK;
-}
-#endif
 
 COLD elbow_status elbow_stream_limits(
     const elbow_stream *given, const real torque_max[ELBOW_NM], const real speed_max[ELBOW_NM], real deviation_max)
@@ -1418,11 +811,6 @@ elbow_status elbow_stream_begin(
         return ELBOW_INPUT_NOT_FINITE;
     }
     l = layout_of(stream);
-#if ELBOW_POSE
-    if (!is_rotation(y + 3) || !are_near(stream + l.last + 3, y + 3)) {
-        return ELBOW_BAD_ARGUMENT;
-    }
-#endif
     copy(y, NT, own);
     copy(dy, NY, own + NT);
     copy(ddy, NY, own + NT + NY);
@@ -1542,14 +930,6 @@ static elbow_status check_samples(const elbow_samples *p)
             return ELBOW_INPUT_NOT_FINITE;
         }
     }
-#if ELBOW_POSE
-    for (ptrdiff_t k = 0; k < p->n; ++k) {
-        const real *R = p->y + k * NT + 3;
-        if (!is_rotation(R) || (k > 0 && !are_near(R - NT, R))) {
-            return ELBOW_BAD_ARGUMENT;
-        }
-    }
-#endif
     return ELBOW_OK;
 }
 

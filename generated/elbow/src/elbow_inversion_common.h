@@ -21,11 +21,6 @@ enum {
 };
 
 static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.8872983346207417};
-#if ELBOW_NE > 0
-static const real gauss_b[STAGES] = {5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0};
-static const real gauss_A[STAGES][STAGES] = {{5.0 / 36.0, -0.035976667524938878, 0.0097894440152484326},
-    {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778}, {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
-#endif
 
 /* The largest lane; where one is NaN it is overlooked. */
 static inline real largest_lane(const lanes x)
@@ -219,31 +214,17 @@ static inline lanes derivative_v(const real *x, real period)
 
 static inline real second_derivative_of(const real *x, ptrdiff_t stride, real period)
 {
-#if BYTES == 8
     return (270.0 * (x[stride] + x[-stride]) - 27.0 * (x[2 * stride] + x[-2 * stride]) +
                2.0 * (x[3 * stride] + x[-3 * stride]) - 490.0 * x[0]) /
            (180.0 * period * period);
-#else /* from differences: a large value that they share does not cost digits */
-    const real one = (x[stride] - x[0]) + (x[-stride] - x[0]);
-    const real two = (x[2 * stride] - x[0]) + (x[-2 * stride] - x[0]);
-    const real three = (x[3 * stride] - x[0]) + (x[-3 * stride] - x[0]);
-    return (270.0 * one - 27.0 * two + 2.0 * three) / (180.0 * period * period);
-#endif
 }
 
 static inline lanes second_derivative_v(const real *x, real period)
 {
     const lanes now = load_v(x);
-#if BYTES == 8
     return (270.0 * (load_v(x + 1) + load_v(x - 1)) - 27.0 * (load_v(x + 2) + load_v(x - 2)) +
                2.0 * (load_v(x + 3) + load_v(x - 3)) - 490.0 * now) /
            (180.0 * period * period);
-#else
-    const lanes one = (load_v(x + 1) - now) + (load_v(x - 1) - now);
-    const lanes two = (load_v(x + 2) - now) + (load_v(x - 2) - now);
-    const lanes three = (load_v(x + 3) - now) + (load_v(x - 3) - now);
-    return (270.0 * one - 27.0 * two + 2.0 * three) / (180.0 * period * period);
-#endif
 }
 
 /* Whether a motion has what its growth depends on. */

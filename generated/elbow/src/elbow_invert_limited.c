@@ -646,11 +646,7 @@ static elbow_status invert_deviated(
     const limited_call *m, const inner_call *call, const elbow_inversion_options *o, elbow_motion *motion)
 {
     const elbow_samples deviated = {m->n, call->p->period, m->y, m->dy, m->ddy};
-#if ELBOW_PARAMETERS > 0
-    return elbow_invert(&deviated, call->parameters, call->q_start, o, motion, call->info, m->inner, m->inner_size);
-#else
     return elbow_invert(&deviated, call->q_start, o, motion, call->info, m->inner, m->inner_size);
-#endif
 }
 
 /*

@@ -283,43 +283,11 @@ typedef struct {
     real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
 } jacobian_ahead;
 
-#if ELBOW_NE > 0
-/* W: deflections in balance with the accelerations d'' of the output, K w + (M_eg J_g^-1) d'' = 0. */
-static inline int deflections_at(problem_points *arm, real W[NE][NY], real *space)
-{
-    real K[NE][NE + NY]; /* and right sides */
-    if (reduced_jacobians(arm, space) != ELBOW_OK) {
-        return 0;
-    }
-    for (int i = 0; i < NE; ++i) {
-        for (int j = 0; j < NE; ++j) {
-            K[i][j] = arm->K[j][i][0];
-        }
-        for (int j = 0; j < NY; ++j) {
-            K[i][NE + j] = 0.0;
-            for (int k = 0; k < NG; ++k) {
-                K[i][NE + j] -= arm->row_a[i_g[k]][i][0] * arm->inverse[j][k][0];
-            }
-        }
-    }
-    if (!solve_plain(&K[0][0], NE, NE + NY)) { /* stiffness dominates: no pivoting */
-        return 0;
-    }
-    for (int i = 0; i < NE; ++i) {
-        copy(K[i] + NE, NY, W[i]);
-    }
-    return 1;
-}
-#endif
-
 /* The Jacobians at an instant, relative to the limits; 0 where a number is not finite. */
 static inline int jacobian_at(
     problem_points *arm, const real *torque, const real *bound, jacobian_ahead *f, real *space)
 {
     real M[NG][NG], F[NG][NY], G[NG][NY], U[NG][NY], p[NG], stiffness[NG], base[NG];
-#if ELBOW_NE > 0
-    real W[NE][NY];
-#endif
     for (int i = 0; i < NG; ++i) {
         p[i] = 0.0;
         base[i] = torque[i];
@@ -349,26 +317,6 @@ static inline int jacobian_at(
             }
         }
     }
-#if ELBOW_NE > 0
-    if (!deflections_at(arm, W, space)) {
-        return 0;
-    }
-    for (int i = 0; i < NG; ++i) {
-        for (int j = 0; j < NY; ++j) {
-            for (int e = 0; e < NE; ++e) {
-                U[i][j] += arm->S[e][i][0] * W[e][j];
-                G[i][j] += arm->row_a[i_g[i]][e][0] * W[e][j];
-            }
-        }
-    }
-    for (int i = 0; i < NG; ++i) {
-        for (int j = 0; j < NY; ++j) {
-            for (int k = 0; k < NG; ++k) {
-                G[i][j] += M[i][k] * U[k][j];
-            }
-        }
-    }
-#endif
     for (int m = 0; m < NM; ++m) {
         const real per_torque = 1.0 / bound[m], per_speed = 1.0 / bound[NM + m];
         for (int j = 0; j < NY; ++j) {

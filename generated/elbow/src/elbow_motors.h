@@ -227,23 +227,12 @@ static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], r
             break;
         }
     }
-#if BYTES != 8
-    if (evaluate_gear_law(p, value[0], stiffness[0], space) != ELBOW_OK) {
-        return 0;
-    }
-#endif
     for (int i = 0; i < NG; ++i) {
         if (gear_is_linear[i] && damping_of(i, space) > 0.0) { /* the same formula, solved before */
-#if BYTES == 8
             p[i] = linear[i][0] * p[i];
             for (int s = 0; s < 3; ++s) {
                 p[i] += linear[i][1 + s] * torque[s][i];
             }
-#else /* the change: where the torque carries the spring the deflection keeps its digits */
-            for (int s = 0; s < 3; ++s) {
-                p[i] += linear[i][1 + s] * (torque[s][i] - value[0][i]);
-            }
-#endif
         } else {
             p[i] = x[2][i];
         }

@@ -28,98 +28,8 @@ static inline void quintic(real x, const real left[3], const real right[3], real
 /* A coordinate of the path between two samples of value, rate times period and second derivative times its square. */
 static inline void between_positions(real x, const real left[3], const real right[3], real out[3])
 {
-#if BYTES == 8
     quintic(x, left, right, out);
-#else /* the quartic with these rates: a difference of positions has too few digits for accelerations */
-    const real d = right[1] - left[1];
-    const real a3 = d - (2.0 * left[2] + right[2]) / 3.0, a4 = 0.25 * (left[2] + right[2]) - 0.5 * d;
-    const real missing = (right[0] - left[0]) - (left[1] + 0.5 * left[2] + a3 + a4);
-    out[0] = left[0] + x * (left[1] + missing + x * (0.5 * left[2] + x * (a3 + x * a4)));
-    out[1] = left[1] + x * (left[2] + x * (3.0 * a3 + x * 4.0 * a4));
-    out[2] = left[2] + x * (6.0 * a3 + x * 12.0 * a4);
-#endif
 }
-
-#if ELBOW_POSE
-/* a - (f x a) / 2 + (f x (f x a)) / 12: the inverse of the left Jacobian of a small rotation vector f, to f^4 / 720. */
-static inline void inverse_left_jacobian(const real *f, const real *a, real *out)
-{
-    real once[3], twice[3], thrice[3], fourth[3];
-    cross(f, a, once);
-    cross(f, once, twice);
-    cross(f, twice, thrice);
-    cross(f, thrice, fourth);
-    for (int i = 0; i < 3; ++i) {
-        out[i] = a[i] - 0.5 * once[i] + twice[i] / 12.0 - fourth[i] / 720.0;
-    }
-}
-
-/* The left Jacobian of a small rotation vector, the angular velocity of its rate, to f^4 / 120. */
-static inline void left_jacobian(const real *f, const real *a, real *out)
-{
-    real once[3], twice[3], thrice[3], fourth[3];
-    cross(f, a, once);
-    cross(f, once, twice);
-    cross(f, twice, thrice);
-    cross(f, thrice, fourth);
-    for (int i = 0; i < 3; ++i) {
-        out[i] = a[i] + 0.5 * once[i] + twice[i] / 6.0 + thrice[i] / 24.0 + fourth[i] / 120.0;
-    }
-}
-
-/* Time derivative of the left Jacobian, times the rate d of f. */
-static inline void left_jacobian_rate(const real *f, const real *d, real *out)
-{
-    real fd[3], dfd[3], ffd[3], dffd[3], fdfd[3], fffd[3], dfffd[3], fdffd[3], ffdfd[3];
-    cross(f, d, fd);
-    cross(d, fd, dfd);
-    cross(f, fd, ffd);
-    cross(d, ffd, dffd);
-    cross(f, dfd, fdfd);
-    cross(f, ffd, fffd);
-    cross(d, fffd, dfffd);
-    cross(f, dffd, fdffd);
-    cross(f, fdfd, ffdfd);
-    for (int i = 0; i < 3; ++i) {
-        out[i] = dfd[i] / 6.0 + (dffd[i] + fdfd[i]) / 24.0 + (dfffd[i] + fdffd[i] + ffdfd[i]) / 120.0;
-    }
-}
-
-/* Rotation vector of R1 R0' where it is small, R by columns. */
-static inline void rotation_vector(const real *R0, const real *R1, real *f)
-{
-    real s[3] = {0.0, 0.0, 0.0}, trace = 0.0, c;
-    for (int k = 0; k < 3; ++k) { /* E = R1 R0' = sum of columns of both */
-        const real *a = R1 + 3 * k, *b = R0 + 3 * k;
-        s[0] += 0.5 * (a[2] * b[1] - a[1] * b[2]);
-        s[1] += 0.5 * (a[0] * b[2] - a[2] * b[0]);
-        s[2] += 0.5 * (a[1] * b[0] - a[0] * b[1]);
-        trace += a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    }
-    /* the sine of the angle times the axis; angle / sine as a series in sine^2 */
-    c = s[0] * s[0] + s[1] * s[1] + s[2] * s[2];
-    c = trace < 1.0 ? (real)NAN : 1.0 + c * (1.0 / 6.0 + c * (3.0 / 40.0 + c * (15.0 / 336.0 + c * 105.0 / 3456.0)));
-    for (int i = 0; i < 3; ++i) {
-        f[i] = c * s[i];
-    }
-}
-
-/* exp(f) R0 */
-static inline void rotate(const real *f, const real *R0, real *R)
-{
-    const real u = f[0] * f[0] + f[1] * f[1] + f[2] * f[2];
-    const real s = 1.0 - u / 6.0 * (1.0 - u / 20.0 * (1.0 - u / 42.0 * (1.0 - u / 72.0)));
-    const real c = 0.5 * (1.0 - u / 12.0 * (1.0 - u / 30.0 * (1.0 - u / 56.0 * (1.0 - u / 90.0))));
-    for (int k = 0; k < 3; ++k) {
-        real once[3], twice[3];
-        cross(f, R0 + 3 * k, once);
-        cross(f, once, twice);
-        for (int i = 0; i < 3; ++i) {
-            R[3 * k + i] = R0[3 * k + i] + s * once[i] + c * twice[i];
-        }
-    }
-}
-#endif
 
 /* y, dy and ddy at sample k; the path is constant before the first and after the last sample. */
 static inline void reference_sample(const elbow_samples *p, ptrdiff_t k, real *out)
@@ -157,34 +67,6 @@ static inline void reference_at(const elbow_samples *p, int k, real x, real *out
             out[NT + i] = q[1] / T;
             out[NT + NY + i] = q[2] / (T * T);
         }
-#if ELBOW_POSE
-        {
-            real f1[3], d1[3], e1[3], extra[3], difference[3], f[3], d[3], e[3], second[3];
-            rotation_vector(y0 + 3, y1 + 3, f1);
-            inverse_left_jacobian(f1, v1 + 3, d1);
-            left_jacobian_rate(f1, d1, extra);
-            for (int i = 0; i < 3; ++i) {
-                difference[i] = a1[3 + i] - extra[i];
-            }
-            inverse_left_jacobian(f1, difference, e1);
-            for (int i = 0; i < 3; ++i) {
-                const real left[3] = {0.0, T * v0[3 + i], T * T * a0[3 + i]};
-                const real right[3] = {f1[i], T * d1[i], T * T * e1[i]};
-                real q[3];
-                between_positions(x, left, right, q);
-                f[i] = q[0];
-                d[i] = q[1] / T;
-                e[i] = q[2] / (T * T);
-            }
-            rotate(f, y0 + 3, out + 3);
-            left_jacobian(f, d, out + NT + 3);
-            left_jacobian(f, e, second);
-            left_jacobian_rate(f, d, extra);
-            for (int i = 0; i < 3; ++i) {
-                out[NT + NY + 3 + i] = second[i] + extra[i];
-            }
-        }
-#endif
     }
 }
 
@@ -200,38 +82,6 @@ static inline void between_samples(const real *samples, real period, real x, rea
     }
     reference_at(&two, 0, x, out);
 }
-
-#if ELBOW_POSE
-/* Whether R, by columns, is a rotation. */
-static inline int is_rotation(const real *R)
-{
-    for (int i = 0; i < 3; ++i) {
-        real c[3];
-        for (int j = 0; j < 3; ++j) {
-            const real *a = R + 3 * i, *b = R + 3 * j;
-            const real dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-            if (!(fabs_1(dot - (i == j ? 1.0 : 0.0)) < PRECISE(1e-6, 1e-5))) {
-                return 0;
-            }
-        }
-        cross(R + 3 * i, R + 3 * ((i + 1) % 3), c);
-        for (int j = 0; j < 3; ++j) {
-            if (!(fabs_1(c[j] - R[3 * ((i + 2) % 3) + j]) < PRECISE(1e-6, 1e-5))) {
-                return 0;
-            }
-        }
-    }
-    return 1;
-}
-
-/* Whether two orientations are close enough for a quintic between them. */
-static inline int are_near(const real *R0, const real *R1)
-{
-    real f[3];
-    rotation_vector(R0, R1, f);
-    return largest(f, 3) < 0.3;
-}
-#endif
 
 /*
  * --- A deviation from the path, and its decay.
@@ -283,34 +133,6 @@ static inline void add_deviation(const real *plan, const real *x, real T, real *
         out[NT + i] += x[NY + i] / T;
         out[NT + NY + i] += x[2 * NY + i] / (T * T);
     }
-#if ELBOW_POSE
-    {
-        real f[3], d[3], e[3], once[3], second[3], extra[3], E[9], spun[3], spun2[3], both[3];
-        static const real I[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-        for (int i = 0; i < 3; ++i) {
-            f[i] = x[3 + i];
-            d[i] = x[NY + 3 + i] / T;
-            e[i] = x[2 * NY + 3 + i] / (T * T);
-        }
-        rotate(f, plan + 3, out + 3);
-        rotate(f, I, E);
-        left_jacobian(f, d, once);
-        left_jacobian(f, e, second);
-        left_jacobian_rate(f, d, extra);
-        for (int i = 0; i < 3; ++i) {
-            spun[i] = spun2[i] = 0.0;
-            for (int k = 0; k < 3; ++k) {
-                spun[i] += E[3 * k + i] * plan[NT + 3 + k];
-                spun2[i] += E[3 * k + i] * plan[NT + NY + 3 + k];
-            }
-        }
-        cross(once, spun, both);
-        for (int i = 0; i < 3; ++i) {
-            out[NT + 3 + i] = once[i] + spun[i];
-            out[NT + NY + 3 + i] = second[i] + extra[i] + both[i] + spun2[i];
-        }
-    }
-#endif
 }
 
 /* Length and angle of a deviation. */

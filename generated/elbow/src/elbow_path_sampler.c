@@ -702,30 +702,11 @@ static void outputs_of_joints(curve_point *p, real *y, real *dy, real *ddy, real
             arm->target[i][l] = 0.0;
         }
     }
-#if ELBOW_POSE
-    /* The error of the orientation is linear in the target R: half the sum of the cross products of its columns with
-       those of the arm. The unit vectors x and y as column k show column k of the arm's. */
-    for (int k = 0; k < 3; ++k) {
-        arm->target[3 + 3 * k][2 * k] = 1.0;
-        arm->target[3 + 3 * k + 1][2 * k + 1] = 1.0;
-    }
-#endif
     (void)evaluate_output_constraint_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->target[0][0], &arm->error[0][0],
         &arm->W[0][0][0], &arm->bias[0][0], space);
-#if ELBOW_POSE
-    for (int i = 0; i < 3; ++i) {
-        y[i] = arm->error[i][0];
-    }
-    for (int k = 0; k < 3; ++k) {
-        y[3 + 3 * k] = -2.0 * arm->error[5][2 * k + 1];
-        y[3 + 3 * k + 1] = 2.0 * arm->error[5][2 * k];
-        y[3 + 3 * k + 2] = 2.0 * arm->error[3][2 * k + 1];
-    }
-#else
     for (int i = 0; i < NY; ++i) {
         y[i] = arm->error[i][0];
     }
-#endif
     for (int j = 0; j < NY; ++j) {
         real rate = 0.0, second = arm->bias[j][0];
         for (int i = 0; i < NG; ++i) {
@@ -742,21 +723,6 @@ static int outputs_of_curve(
     const curve_point *p, int dimensions, int space, const real *axes, real *y, real *dy, real *ddy)
 {
     (void)axes;
-#if ELBOW_POSE
-    if (space != SPACE_TOOL || dimensions != 3 || !p->is_pose) {
-        return 0;
-    }
-    for (int i = 0; i < 3; ++i) {
-        y[i] = p->x[i][0];
-        dy[i] = p->x[i][1];
-        ddy[i] = p->x[i][2];
-        for (int k = 0; k < 3; ++k) {
-            y[3 + 3 * k + i] = p->R[3 * i + k];
-        }
-        dy[3 + i] = p->w[i][0];
-        ddy[3 + i] = p->w[i][1];
-    }
-#else
     for (int i = 0; i < NY; ++i) {
         const int from = space != SPACE_TOOL ? i : axes[i] >= 0.0 && axes[i] < (real)dimensions ? (int)axes[i] : -1;
         if (from < 0 || from >= dimensions) {
@@ -766,7 +732,6 @@ static int outputs_of_curve(
         dy[i] = p->x[from][1];
         ddy[i] = p->x[from][2];
     }
-#endif
     return 1;
 }
 

@@ -38,12 +38,6 @@ typedef struct {
     points inverse[NY][NG]; /* of the columns of W that belong to q_g */
     points side;            /* sign of their determinant: on either side of singular poses, 1 or -1 */
     points tau_g[NG];
-#if ELBOW_NE > 0
-    points row[NE], row_q[NA][NE], row_v[NA][NE], row_a[NA][NE];
-    points y1_q[NA][NY], y2_q[NA][NY], y2_v[NA][NY];
-    points S[NE][NG], Vq[NE][NG], Aq[NE][NG], Av[NE][NG], T[NE][NY];
-    points K[NE][NE], D[NE][NE], A[NE][NE]; /* [column][row] */
-#endif
     points known; /* the first: whether `inverse` is that of positions which may be near */
 } problem_points;
 
@@ -130,18 +124,6 @@ static inline void load_later_joints(problem_points *arm, const joint_motion *jo
         }
     }
 }
-
-#if ELBOW_NE > 0
-/* Unactuated coordinates, velocities and accelerations into point l. */
-static inline void load_elastic(problem_points *arm, int l, const real *q, const real *v, const real *a)
-{
-    for (int i = 0; i < NE; ++i) {
-        arm->q[i_e[i]][l] = q[i];
-        arm->v[i_e[i]][l] = v[i];
-        arm->a[i_e[i]][l] = a[i];
-    }
-}
-#endif
 
 /*
  * Inverse of the actuated columns of W by Gauss and Jordan, with row pivoting in each point; 0 where a pivot is zero to
@@ -326,15 +308,7 @@ static inline real correct_motion(problem_points *p, points *wanted, points *bia
 static inline real fastest_elastic(const problem_points *p)
 {
     lanes most = splat_v(0.0);
-#if ELBOW_NE > 0
-    for (int i = 0; i < NE; ++i) {
-        EACH (l) {
-            most = fmax_v(most, fabs_v(load_v(&p->v[i_e[i]][l])));
-        }
-    }
-#else
     (void)p;
-#endif
     return largest_lane(most);
 }
 
@@ -467,13 +441,8 @@ static inline int follow_kinematics(problem_points *p, const joint_motion *joint
 /* Gear torques and residuals of POINTS instants whose motion is known. */
 static inline int evaluate_rows(problem_points *arm, real *space)
 {
-#if ELBOW_NE > 0
-    return inner_status(evaluate_inversion_rows_batch(
-        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
-#else
     return inner_status(
         evaluate_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
-#endif
 }
 
 /* The same for a known motion of the unactuated coordinates. */
@@ -482,115 +451,6 @@ static inline int evaluate_torques(problem_points *arm, real *space)
     const int status = solve_kinematics(arm, space);
     return status == ELBOW_OK ? evaluate_rows(arm, space) : status;
 }
-
-#if ELBOW_NE > 0
-
-/* to[j] = - inverse * from[j] for all columns. */
-static inline void solve_columns(const problem_points *p, points (*from)[NY], points (*to)[NG])
-{
-    EACH (l) {
-        lanes inverse[NG][NY]; /* together, as it is needed below */
-        for (int i = 0; i < NG; ++i) {
-            for (int k = 0; k < NY; ++k) {
-                inverse[i][k] = load_v(&p->inverse[k][i][l]);
-            }
-        }
-        for (int j = 0; j < NE; ++j) {
-            for (int i = 0; i < NG; ++i) {
-                lanes sum = splat_v(0.0);
-                for (int k = 0; k < NY; ++k) {
-                    sum -= inverse[i][k] * load_v(&from[j][k][l]);
-                }
-                store_v(&to[j][i][l], sum);
-            }
-        }
-    }
-}
-
-/* T += X restricted to the actuated columns, times Y. */
-static inline void add_actuated(points (*X)[NY], points (*Y)[NG], points (*T)[NY])
-{
-    EACH (l) {
-        lanes columns[NY][NG];
-        for (int i = 0; i < NY; ++i) {
-            for (int k = 0; k < NG; ++k) {
-                columns[i][k] = load_v(&X[i_g[k]][i][l]);
-            }
-        }
-        for (int j = 0; j < NE; ++j) {
-            for (int i = 0; i < NY; ++i) {
-                lanes sum = load_v(&T[j][i][l]);
-                for (int k = 0; k < NG; ++k) {
-                    sum += columns[i][k] * load_v(&Y[j][k][l]);
-                }
-                store_v(&T[j][i][l], sum);
-            }
-        }
-    }
-}
-
-/* The columns of X that belong to q_e. */
-static inline void elastic_columns(points (*X)[NY], points (*T)[NY])
-{
-    for (int j = 0; j < NE; ++j) {
-        for (int i = 0; i < NY; ++i) {
-            EACH (l) {
-                store_v(&T[j][i][l], load_v(&X[i_e[j]][i][l]));
-            }
-        }
-    }
-}
-
-/* Residual of the unactuated rows and their Jacobians K, D, A with respect to q_e, v_e, a_e on the path. */
-static inline int reduced_jacobians(problem_points *p, real *space)
-{
-    const int status = evaluate_inversion_jacobians_batch(POINTS, &p->q[0][0], &p->v[0][0], &p->a[0][0],
-        &p->y1_q[0][0][0], &p->y2_q[0][0][0], &p->y2_v[0][0][0], &p->row[0][0], &p->row_q[0][0][0], &p->row_v[0][0][0],
-        &p->row_a[0][0][0], space);
-    if (status != ELBOW_OK) {
-        return inner_status(status);
-    }
-    elastic_columns(p->W, p->T);
-    solve_columns(p, p->T, p->S);
-    elastic_columns(p->y1_q, p->T);
-    add_actuated(p->y1_q, p->S, p->T);
-    solve_columns(p, p->T, p->Vq);
-    elastic_columns(p->y2_q, p->T);
-    add_actuated(p->y2_q, p->S, p->T);
-    add_actuated(p->y2_v, p->Vq, p->T);
-    solve_columns(p, p->T, p->Aq);
-    elastic_columns(p->y2_v, p->T);
-    add_actuated(p->y2_v, p->S, p->T);
-    solve_columns(p, p->T, p->Av);
-    EACH (l) {
-        lanes q[NE][NG], v[NE][NG], a[NE][NG]; /* together, as they are needed below */
-        for (int i = 0; i < NE; ++i) {
-            for (int k = 0; k < NG; ++k) {
-                q[i][k] = load_v(&p->row_q[i_g[k]][i][l]);
-                v[i][k] = load_v(&p->row_v[i_g[k]][i][l]);
-                a[i][k] = load_v(&p->row_a[i_g[k]][i][l]);
-            }
-        }
-        for (int j = 0; j < NE; ++j) {
-            for (int i = 0; i < NE; ++i) {
-                lanes K = load_v(&p->row_q[i_e[j]][i][l]), D = load_v(&p->row_v[i_e[j]][i][l]);
-                lanes A = load_v(&p->row_a[i_e[j]][i][l]);
-                for (int k = 0; k < NG; ++k) {
-                    const lanes S = load_v(&p->S[j][k][l]);
-                    K += q[i][k] * S + v[i][k] * load_v(&p->Vq[j][k][l]) + a[i][k] * load_v(&p->Aq[j][k][l]);
-                    D += v[i][k] * S + a[i][k] * load_v(&p->Av[j][k][l]);
-                    A += a[i][k] * S;
-                }
-                store_v(&p->K[j][i][l], K);
-                store_v(&p->D[j][i][l], D);
-                store_v(&p->A[j][i][l], A);
-            }
-        }
-    }
-    return ELBOW_OK;
-}
-
-#endif
 
 /* --- Equilibrium with the output at a target: springs and gravity in balance. */
 
@@ -653,9 +513,6 @@ static inline int equilibrium_at(const real *target, real *q, real *scale, real 
 {
     static const real zero[NA] = {0.0};
     real error[NY], W[NA * NY], bias[NY], M[NA][NA], b[NA], x[NA]; /* matrices of the library by columns */
-#if ELBOW_NE > 0
-    real y1_q[NA * NY], y2_q[NA * NY], y2_v[NA * NY], row[NE], row_q[NA * NE], row_v[NA * NE], row_a[NA * NE];
-#endif
     real before = -1.0;
     for (int step = 0; step < EQUILIBRIUM_STEPS; ++step) {
         real most;
@@ -669,21 +526,7 @@ static inline int equilibrium_at(const real *target, real *q, real *scale, real 
             }
             b[i] = error[i];
         }
-#if ELBOW_NE > 0
-        status = evaluate_inversion_jacobians(q, zero, zero, y1_q, y2_q, y2_v, row, row_q, row_v, row_a, space);
-        if (status != ELBOW_OK) {
-            return inner_status(status);
-        }
-        for (int i = 0; i < NE; ++i) {
-            for (int j = 0; j < NA; ++j) {
-                M[NY + i][j] = row_q[j * NE + i];
-            }
-            b[NY + i] = row[i];
-            scale[i] = fmax_1(1e-2 * fabs_1(row_q[i_e[i] * NE + i]), 1e-9);
-        }
-#else
         (void)scale;
-#endif
         if (!solve_square(M, b, x)) {
             return can_move(W, M, b, x) ? ELBOW_NOT_CONVERGED : ELBOW_UNREACHABLE;
         }

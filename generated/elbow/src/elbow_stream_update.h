@@ -100,25 +100,9 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
     PLACE(q_g, ((ptrdiff_t)intervals * STAGES + 1) * NG); /* the last ones: joints at the start of the horizon */
     PLACE(reference, (ptrdiff_t)intervals * STAGES * REFERENCE);
     PLACE(nodes, (l.past + intervals + 1) * REFERENCE);
-#if ELBOW_NE > 0
-    PLACE(y, (l.past + intervals + 1) * STATES);
-    PLACE(a, (l.past + intervals) * CONTROLS);
-    PLACE(a_node, (l.past + intervals + 1) * NE);
-    PLACE(factor, (ptrdiff_t)intervals * CONTROLS * WIDTH);
-    PLACE(point, (ptrdiff_t)intervals * STAGES * POINT + BLOCK); /* data of the factors, in the same order */
-    PLACE(costs, (ptrdiff_t)intervals * STATES * STATES);        /* costs to go of their first nodes */
-    PLACE(row, (ptrdiff_t)intervals * STAGES * NE);              /* residuals */
-    PLACE(linear, (ptrdiff_t)intervals * CONTROLS);              /* right sides of the factors */
-    PLACE(scale, NE);
-    PLACE(levels, LEVELS * LAST * NE);
-    PLACE(cost, STATES * STATES);
-    PLACE(target_state, ((ptrdiff_t)intervals + 1) * STATES);
-    PLACE(lq, (ptrdiff_t)(sizeof(lq_space) / sizeof(real)));
-#else
     l.point = l.costs = l.row = l.linear = 0;
     l.y = l.a = l.a_node = l.factor = l.scale = l.target_state = l.cost = l.levels = 0;
     PLACE(lq, (ptrdiff_t)(sizeof(problem_points) / sizeof(real)));
-#endif
     PLACE(space, function_work());
     PLACE(torque, l.ahead > 0 ? (HOLD_BEFORE + samples_per_interval + l.ahead + 1) * NM : 0);
 #undef PLACE
@@ -146,41 +130,10 @@ static inline layout layout_of(const real *stream)
     return laid_out((int)stream[INTERVALS], (int)stream[SAMPLES_PER_INTERVAL], stream[HOLD], stream[DELAY]);
 }
 
-#if ELBOW_NE > 0
-/* The horizon as a mesh; past nodes are stored before its first node. */
-static inline mesh mesh_of(const layout *l, real *s)
-{
-    mesh m;
-    m.N = (int)s[INTERVALS];
-    m.h = s[PERIOD];
-    m.y = s + l->y + l->past * STATES;
-    m.a = s + l->a + l->past * CONTROLS;
-    m.q_g = s + l->q_g;
-    m.reference = s + l->reference;
-    m.target_state = s + l->target_state;
-    m.equilibrium = NULL;
-    m.varying = m.factored = m.N;
-    m.factor = s + l->factor;
-    m.base = (int)s[BASE];
-    m.scale = s + l->scale;
-    /*
-     * The first node of the horizon cannot be changed. Its error grows like the unstable zeros and must have a cost at
-     * the end: the cost to go of the horizon before, which is close to zero for stable errors.
-     */
-    m.end = s + l->cost;
-    m.residual = 0.0;
-    return m;
-}
-#endif
-
 /* POINTS instants of the arm, which only serve within a call. */
 static inline problem_points *arm_of(const layout *l, real *s)
 {
-#if ELBOW_NE > 0
-    return &((lq_space *)(void *)(s + l->lq))->arm;
-#else
     return (problem_points *)(void *)(s + l->lq);
-#endif
 }
 
 /*
@@ -189,9 +142,6 @@ static inline problem_points *arm_of(const layout *l, real *s)
 
 enum { LEAST_INTERVALS = 4 }; /* least intervals of a horizon with limits */
 
-#if ELBOW_NE > 0
-static const real preview_share = 1e-3; /* part of a change of the path that the present motion may still respond to */
-#endif
 static const real infeasible_factor = 2.5; /* times a limit: a stream that exceeds it more fails */
 
 /* Time constant with which a deviation decays [s]. */
@@ -210,11 +160,6 @@ static inline int start_limits(real *s, const layout *l)
     const limits_layout w = limits_laid_out(N);
     real *b = s + l->limits;
     ptrdiff_t fixed = 1;
-#if ELBOW_NE > 0
-    const mesh m = mesh_of(l, s);
-    const int ahead = lq_preview(&m, s + l->cost, preview_share, b + w.x);
-    fixed = ahead > fixed ? ahead : fixed;
-#endif
     if (N < LEAST_INTERVALS || 2 * N < 3 * fixed) {
         return 0;
     }
@@ -287,12 +232,6 @@ static inline void load_node(real *s, const layout *l, ptrdiff_t k, const real *
     const ptrdiff_t node = l->past + k;
     load_reference(arm, lane, s + l->nodes + node * REFERENCE);
     load_joints(arm, lane, joints);
-#if ELBOW_NE > 0
-    {
-        const real *y = s + l->y + node * STATES;
-        load_elastic(arm, lane, y, y + NE, s + l->a_node + node * NE);
-    }
-#endif
 }
 
 /* Planned motion and torques of the arm at the nodes, and the torques and speeds of the motors there. */
@@ -391,87 +330,6 @@ static inline int apply_limits(real *s, const layout *l)
 
 /* --- The quasi-static motion, the target of the end of the horizon. */
 
-#if ELBOW_NE > 0
-
-/* One Newton step of R(q, v, a) = 0 in q at the last nodes of the path, newest first; changes q. */
-static inline int balance(
-    const mesh *m, lq_space *w, const real *newest, real v[LAST][NE], real a[LAST][NE], real *q, real *space)
-{
-    int status;
-    for (int l = 0; l < POINTS; ++l) {
-        const int node = l < LAST ? l : LAST - 1;
-        load_reference(&w->arm, l, newest - node * (ptrdiff_t)REFERENCE);
-        load_elastic(&w->arm, l, q + node * NE, v[node], a[node]);
-        load_joints(&w->arm, l, m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG);
-    }
-    begin_points(&w->arm);
-    status = solve_kinematics(&w->arm, space);
-    if (status == ELBOW_OK) {
-        status = reduced_jacobians(&w->arm, space);
-    }
-    if (status != ELBOW_OK) {
-        return status;
-    }
-    for (int node = 0; node < LAST; ++node) {
-        real K[NE][NE + 1]; /* and the right side */
-        for (int i = 0; i < NE; ++i) {
-            for (int j = 0; j < NE; ++j) {
-                K[i][j] = w->arm.K[j][i][node];
-            }
-            K[i][NE] = w->arm.row[i][node];
-        }
-        (void)solve_plain(&K[0][0], NE, NE + 1); /* no pivoting: stiffness dominates; where it is zero nothing moves */
-        for (int i = 0; i < NE; ++i) {
-            q[node * NE + i] -= fabs_1(K[i][NE]) < 1.0 ? K[i][NE] : 0.0;
-        }
-    }
-    return ELBOW_OK;
-}
-
-/*
- * The target of the end of the horizon: the quasi-static motion, deflections in balance with gravity and the path.
- * First without motion of the deflections; then with the velocities and accelerations of this motion, by differences of
- * its last values; and so on. Each level reduces the error by the ratio of the time constants of zeros and path. All
- * nodes are balanced again with the present path: where limits modify it, differences to older values would be wrong.
- */
-static inline int quasistatic_motion(mesh *m, lq_space *w, real *levels, const real *newest, real *space)
-{
-    static const real once[LAST][LAST] = {{25.0, -48.0, 36.0, -16.0, 3.0}, {3.0, 10.0, -18.0, 6.0, -1.0},
-        {-1.0, 8.0, 0.0, -8.0, 1.0}, {1.0, -6.0, 18.0, -10.0, -3.0}, {-3.0, 16.0, -36.0, 48.0, -25.0}};
-    static const real twice[LAST][LAST] = {{35.0, -104.0, 114.0, -56.0, 11.0}, {11.0, -20.0, 6.0, 4.0, -1.0},
-        {-1.0, 16.0, -30.0, 16.0, -1.0}, {-1.0, 4.0, 6.0, -20.0, 11.0}, {11.0, -56.0, 114.0, -104.0, 35.0}};
-    real v[LAST][NE] = {{0.0}}, a[LAST][NE] = {{0.0}};
-    real *x = levels;
-    for (int scale_rows = 0; scale_rows < LEVELS; ++scale_rows) {
-        int status;
-        x = levels + (ptrdiff_t)scale_rows * LAST * NE;
-        for (int k = LAST - 1; k > 0; --k) {
-            copy(x + (k - 1) * NE, NE, x + k * NE);
-        }
-        status = balance(m, w, newest, v, a, x, space);
-        if (status != ELBOW_OK) {
-            return status;
-        }
-        for (int k = 0; k < LAST; ++k) {
-            for (int i = 0; i < NE; ++i) {
-                v[k][i] = a[k][i] = 0.0;
-                for (int j = 0; j < LAST; ++j) {
-                    v[k][i] += once[k][j] * x[j * NE + i] / (12.0 * m->h);
-                    a[k][i] += twice[k][j] * x[j * NE + i] / (12.0 * m->h * m->h);
-                }
-            }
-        }
-    }
-    {
-        real *target_state = m->target_state + m->N * (ptrdiff_t)STATES;
-        copy(x, NE, target_state);
-        copy(v[0], NE, target_state + NE);
-    }
-    return ELBOW_OK;
-}
-
-#endif
-
 /* --- How a stream advances by one interval, to the next sample of the path. */
 
 /* The new interval: path and joints at its Gauss points, and its side of singular poses. */
@@ -500,17 +358,6 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
         }
         load_reference(arm, point, to->reference[stage]);
         load_joints(arm, point, guess);
-#if ELBOW_NE > 0
-        {
-            static const real zero[NE] = {0.0};
-            const real *y = s + l->y + (ptrdiff_t)s[INTERVALS] * STATES;
-            real q[NE];
-            for (int i = 0; i < NE; ++i) {
-                q[i] = y[i] + gauss_c[stage] * s[PERIOD] * y[NE + i];
-            }
-            load_elastic(arm, point, q, y + NE, zero);
-        }
-#endif
     }
     begin_points(arm);
     status = solve_kinematics(arm, s + l->space);
@@ -555,130 +402,6 @@ static inline void shift_path(real *s, const layout *l, const real *next, const 
  * motion still changes. The residuals are computed everywhere.
  */
 
-#if ELBOW_NE > 0
-
-enum { END = 6 }; /* intervals at the end of the horizon that are computed again in any case, at least */
-
-static const real stale_share = 0.1; /* of the tolerance: a larger residual in the near half asks for all factors */
-
-/* The largest residual of the intervals before `end`. */
-static inline real residual_before(const real *row, ptrdiff_t end)
-{
-    real most = 0.0;
-    for (ptrdiff_t k = 0; k < end; ++k) {
-        most = fmax_1(most, largest(row + k * STAGES * NE, STAGES * NE));
-    }
-    return most;
-}
-
-/*
- * The intervals whose factors are computed again, the last one first: those at the end of the horizon, whose costs to
- * go follow from each other without a gap, then at distances from the end that grow by a factor of three. All where
- * `all`. They are returned in groups of GROUP from `*next` on; the number of them.
- */
-static inline int refreshed(int N, int all, int *next, int *list)
-{
-    int count = 0;
-    while (*next < N && count < GROUP) {
-        list[count++] = N - 1 - *next;
-        *next = all || *next < (N > 3 * END ? N / 3 : END) ? *next + 1 : 3 * *next;
-    }
-    return count;
-}
-
-/* Residuals and Jacobians of the intervals in `list`. */
-static inline int refresh_points(real *s, const layout *l, const int *list, int count)
-{
-    mesh m = mesh_of(l, s);
-    return evaluate_group(&m, 0, list, count, s + l->point, (lq_space *)(void *)(s + l->lq), s + l->space);
-}
-
-/* The factor and the cost to go of interval k whose Jacobians are known. */
-static inline int refresh_factor(real *s, const layout *l, int k)
-{
-    lq_space *w = (lq_space *)(void *)(s + l->lq);
-    const mesh m = mesh_of(l, s);
-    const ptrdiff_t slot = slot_of(&m, k);
-    copy(k == m.N - 1 ? m.end : s + l->costs + slot_of(&m, k + 1) * STATES * STATES, STATES * STATES, w->P);
-    for (int j = 0; j < STATES; ++j) {
-        w->p[j] = 0.0;
-    }
-    sum_of_rows(&m, s + l->point + slot * STAGES * POINT, w->J, w->H);
-    if (!factor_interval(&m, k, w, m.factor + slot * CONTROLS * WIDTH) || !is_finite(w->p, STATES)) {
-        return ELBOW_NOT_CONVERGED;
-    }
-    copy(w->P, STATES * STATES, s + l->costs + slot * STATES * STATES);
-    return ELBOW_OK;
-}
-
-/* Shift the motion by one interval, with the quasi-static motion at its new end. */
-static inline int shift_motion(real *s, const layout *l)
-{
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
-    lq_space *w = (lq_space *)(void *)(s + l->lq);
-    mesh m;
-    s[BASE] = s[BASE] + 1.0 < s[INTERVALS] ? s[BASE] + 1.0 : 0.0;
-    m = mesh_of(l, s);
-    copy(s + l->y + STATES, (l->past + N) * STATES, s + l->y);
-    copy(s + l->target_state + STATES, N * STATES, s + l->target_state);
-    copy(s + l->a + CONTROLS, (l->past + N - 1) * CONTROLS, s + l->a);
-    for (int i = 0; i < CONTROLS; ++i) {
-        m.a[(N - 1) * CONTROLS + i] = 0.0;
-    }
-    next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
-    return quasistatic_motion(&m, w, s + l->levels, s + l->nodes + (l->past + N) * REFERENCE, s + l->space);
-}
-
-/* Residuals of POINTS Gauss points of the horizon; after the last ones, whether all factors are computed again. */
-static inline int residual_part(real *s, const layout *l, int at)
-{
-    lq_space *w = (lq_space *)(void *)(s + l->lq);
-    mesh m = mesh_of(l, s);
-    int status;
-    if (at == 0) {
-        begin_points(&w->arm);
-    }
-    status = evaluate_residual_at(&m, at, s + l->row, w, s + l->space);
-    if (status == ELBOW_OK && at + POINTS >= m.N * STAGES &&
-        !(residual_before(s + l->row, m.N / 2) <= stale_share * s[TOLERANCE])) {
-        s[STALE] = 1.0;
-    }
-    return status;
-}
-
-/* The data of the linear terms: every interval of the horizon has a factor and a right side of its own. */
-static inline lq_data linear_data(real *s, const layout *l)
-{
-    lq_data data;
-    data.point = s + l->point;
-    data.steady_point = NULL;
-    data.steady_factor = NULL;
-    data.row = s + l->row;
-    data.linear = s + l->linear;
-    return data;
-}
-
-/* The linear terms of the step, backwards, with the factors as they are now. */
-static inline int linear_part(real *s, const layout *l)
-{
-    const lq_data data = linear_data(s, l);
-    const mesh m = mesh_of(l, s);
-    s[STALE] = 0.0;
-    return lq_linear(&m, &data) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
-}
-
-/* The step, forwards. */
-static inline void step_part(real *s, const layout *l)
-{
-    const lq_data data = linear_data(s, l);
-    real first[STATES] = {0.0};
-    mesh m = mesh_of(l, s);
-    (void)lq_data_step(&m, &data, first);
-    copy(s + l->costs + slot_of(&m, 0) * STATES * STATES, STATES * STATES, s + l->cost);
-}
-
-#endif
-
 /* --- Motion and torques of the interval that begins now, and their kinematic mismatch. */
 
 enum { MEMORY_DECAYS = 4 }; /* time constants of the memory of the largest values, per horizon */
@@ -704,15 +427,6 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
     joint_motion last;
     real time[POINTS];
     problem_points *arm = arm_of(l, s);
-#if ELBOW_NE > 0
-    mesh m = mesh_of(l, s);
-    interpolant f;
-    m.y = s + l->y; /* with the past */
-    m.a = s + l->a;
-    m.N += (int)l->past;
-    prepare(&f);
-    nodal_accelerations(&m, s + l->a_node);
-#endif
     *worst = 0.0;
     /* All samples from the present plan, the past too: derivatives must not contain steps between plans. */
     joints_at_rest(joints_now, &last);
@@ -730,13 +444,6 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
             between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, s[PERIOD], x, reference);
             load_reference(arm, point, reference);
             time[point] = (real)(at + (point < used ? point : used - 1)) * fine;
-#if ELBOW_NE > 0
-            {
-                real weight[3 * TERMS];
-                weights_at(&f, m.h, x, weight);
-                load_between(&m, s + l->a_node, weight, node, arm, point);
-            }
-#endif
         }
         status = follow_kinematics(arm, &last, time, s + l->space);
         status = status == ELBOW_OK ? evaluate_rows(arm, s + l->space) : status;
@@ -767,11 +474,6 @@ static inline int arm_in_window(real *s, const layout *l, const interval_results
             if (k == samples_per_interval - 1) {
                 copy(joint, NG, joints_now);
             }
-#if ELBOW_NE > 0
-            for (int i = 0; i < NE; ++i) {
-                *worst = fmax_1(*worst, fabs_1(arm->row[i][point]) / m.scale[i]);
-            }
-#endif
         }
         if (used > 1) {
             keep_joints(arm, used - 1, (real)(at + used - 1) * fine, (real)(used - 1) * fine, &last);
@@ -865,14 +567,6 @@ static inline int motors_in_interval(
         }
         lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
     }
-#if ELBOW_PARAMETERS > 0
-    for (int i = 0; i < NG;
-        ++i) { /* after a change of its damping the deflection of a gear may have to be integrated */
-        if (g.quick[i]) {
-            s[l->now + i] = s[l->lagged + (BACK + samples_per_interval) * NG + i];
-        }
-    }
-#endif
     for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
         const real *tau = s + l->tau + (k + BACK) * NG, *deflection = s + l->lagged + (k + BACK) * NG;
         const real *joint = s + l->joint + (k + BACK) * JOINT;

@@ -304,85 +304,8 @@ static inline elbow_status check_path(const elbow_samples *p, const real *parame
             return ELBOW_BAD_ARGUMENT;
         }
     }
-#if ELBOW_POSE
-    for (int k = 0; k < p->n; ++k) {
-        const real *R = p->y + k * (ptrdiff_t)NT + 3;
-        if (!is_rotation(R) || (k > 0 && !are_near(R - NT, R))) {
-            return ELBOW_BAD_ARGUMENT;
-        }
-    }
-#endif
     return ELBOW_OK;
 }
-
-#if ELBOW_NE > 0
-
-/* The time of Gauss point k from the first node on. */
-static inline real time_of_point(const mesh *m, int k)
-{
-    return m->h * ((real)(k / STAGES) + gauss_c[k % STAGES]);
-}
-
-/* The path at the Gauss points, and joints that follow it while all nodes keep the deflections of the equilibrium q. */
-static inline int guess_mesh(mesh *m, const elbow_samples *p, const real *q, int n_pre, int samples_per_interval,
-    problem_points *arm, real *space)
-{
-    /* The path of the last one is that of all others; so are the joints. */
-    const int solved = m->varying < m->N ? m->varying * STAGES + 1 : m->N * STAGES;
-    joint_motion last;
-    real joints[NG], time[POINTS];
-    for (ptrdiff_t k = 0; k <= m->N; ++k) {
-        for (int i = 0; i < NE; ++i) {
-            m->y[k * STATES + i] = q[i_e[i]];
-            m->y[k * STATES + NE + i] = 0.0;
-        }
-    }
-    for (ptrdiff_t k = 0; k < (ptrdiff_t)m->N * CONTROLS; ++k) {
-        m->a[k] = 0.0;
-    }
-    for (int i = 0; i < NG; ++i) {
-        joints[i] = q[i_g[i]];
-    }
-    joints_at_rest(joints, &last);
-    begin_points(arm);
-    for (int at = 0; at < solved; at += POINTS) {
-        const int used = solved - at < POINTS ? solved - at : (int)POINTS;
-        int status;
-        for (int k = at; k < at + used; ++k) {
-            const real x = ((real)(k / STAGES) + gauss_c[k % STAGES]) * (real)samples_per_interval - (real)n_pre;
-            const int whole = (int)(x < 0.0 ? x - 1.0 : x);
-            reference_at(p, whole, x - (real)whole, m->reference + (ptrdiff_t)k * REFERENCE);
-            for (int i = 0; i < NG; ++i) {
-                m->q_g[(ptrdiff_t)k * NG + i] = joints[i];
-            }
-        }
-        for (int point = 0; point < POINTS; ++point) {
-            const int k = at + (point < used ? point : used - 1);
-            load_point(m, k, arm, point);
-            time[point] = time_of_point(m, k);
-        }
-        status = follow_kinematics(arm, &last, time, space);
-        if (status != ELBOW_OK) {
-            return status;
-        }
-        for (int k = 0; k < used; ++k) {
-            for (int i = 0; i < NG; ++i) {
-                m->q_g[(ptrdiff_t)(at + k) * NG + i] = arm->q[i_g[i]][k];
-            }
-        }
-        if (used > 1) {
-            const real now = time_of_point(m, at + used - 1);
-            keep_joints(arm, used - 1, now, now - time_of_point(m, at), &last);
-        }
-    }
-    for (ptrdiff_t k = solved; k < (ptrdiff_t)m->N * STAGES; ++k) {
-        copy(m->reference + (k - 1) * REFERENCE, REFERENCE, m->reference + k * REFERENCE);
-        copy(m->q_g + (k - 1) * NG, NG, m->q_g + k * NG);
-    }
-    return ELBOW_OK;
-}
-
-#endif
 
 /* Where the arrays of both solvers are in the workspace, in reals from its start. */
 typedef struct {
@@ -422,20 +345,8 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     TAKE(at, l.v_a, l.samples * NA);
     TAKE(at, l.a_a, l.samples * NA);
     TAKE(at, l.v_m, l.samples * NM);
-#if ELBOW_NE > 0
-    TAKE(at, l.y, (l.intervals + 1) * STATES);
-    TAKE(at, l.a, l.intervals * CONTROLS);
-    TAKE(at, l.a_node, (l.intervals + 1) * NE);
-    TAKE(at, l.q_g, l.intervals * STAGES * NG);
-    TAKE(at, l.reference, l.intervals * STAGES * REFERENCE);
-    TAKE(at, l.factor, l.intervals * interval_factor);
-    TAKE(at, l.scale, NE);
-    TAKE(at, l.weights, ((int64_t)o->samples_per_interval + 1) * 3 * TERMS);
-    TAKE(at, l.joint_weights, l.intervals > 1 ? (2 * (int64_t)o->samples_per_interval + 1) * 3 * JOINTS : 0);
-#else
     (void)interval_factor;
     l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = l.joint_weights = 0;
-#endif
     TAKE(at, l.space, function_work());
     l.end = at;
     return l;
@@ -471,58 +382,6 @@ static inline elbow_status check_arguments(const elbow_samples *p, const real *p
     return check_path(p, parameters, q_start);
 }
 
-#if ELBOW_NE > 0
-
-/* The mesh in the workspace. */
-static inline mesh mesh_in(const whole_layout *l, const elbow_samples *p, const elbow_inversion_options *o, real *work)
-{
-    mesh m;
-    m.N = (int)l->intervals;
-    m.varying = m.factored = (int)l->varying;
-    m.h = (real)o->samples_per_interval * p->period;
-    m.y = work + l->y;
-    m.a = work + l->a;
-    m.q_g = work + l->q_g;
-    m.reference = work + l->reference;
-    m.target_state = NULL;
-    m.equilibrium = NULL;
-    m.factor = work + l->factor;
-    m.base = 0;
-    m.scale = work + l->scale;
-    m.end = NULL;
-    m.residual = (real)NAN;
-    return m;
-}
-
-enum { NEWTON_CONTINUES, NEWTON_CONVERGED, NEWTON_FAILED, NEWTON_STEPS = 25 };
-
-/* Progress of a Newton iteration. */
-typedef struct {
-    real before; /* residual of the iteration before; negative where there is none */
-    int steps, worse;
-} newton;
-
-/*
- * Whether to stop after an iteration that leaves `residual`: converged below the share `target` of the tolerance, or
- * where an iteration gains less than a factor of ten below the tolerance; failed after NEWTON_STEPS, or after four
- * iterations in a row that gain less than a factor of two.
- */
-static inline int newton_state(newton *s, real residual, real tolerance, real target)
-{
-    ++s->steps;
-    if (residual <= target * tolerance || (residual <= tolerance && s->before >= 0.0 && residual > 0.1 * s->before)) {
-        return NEWTON_CONVERGED;
-    }
-    s->worse = s->before >= 0.0 && residual > 0.5 * s->before ? s->worse + 1 : 0;
-    if (s->steps == NEWTON_STEPS || s->worse == 4 || !(residual < 1e12)) {
-        return residual <= tolerance ? NEWTON_CONVERGED : NEWTON_FAILED;
-    }
-    s->before = residual;
-    return NEWTON_CONTINUES;
-}
-
-#endif
-
 /*
  * Largest residual at the samples of a status OK, in tolerances. On the mesh it is within the tolerance; between its
  * nodes the motion is interpolated, and what is left there moves the output by at most 10 times the deflection of 0.01
@@ -539,43 +398,7 @@ typedef struct {
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
     gear_rows gear;
     real *a_m; /* samples x NM: accelerations of the motors; where the deflections have been */
-#if ELBOW_NE > 0
-    const mesh *m;
-    const real *a_node; /* accelerations at its nodes */
-    /* of the interpolation at the samples of an interval, and of the joints at those of two */
-    real *weights, *joint_weights;
-#endif
 } results;
-
-#if ELBOW_NE > 0
-/* Weights of the samples of an interval, and of two for the joints. */
-static inline void tabulate_weights(const results *r)
-{
-    const ptrdiff_t each = r->o->samples_per_interval;
-    interpolant f;
-    prepare(&f);
-    for (ptrdiff_t k = 0; k <= each; ++k) {
-        weights_at(&f, r->m->h, (real)k / (real)each, r->weights + k * 3 * TERMS);
-    }
-    for (ptrdiff_t k = -each; k <= each && r->m->N > 1; ++k) {
-        joint_weights_at(r->m->h, (real)k / (real)each, r->joint_weights + (k + each) * 3 * JOINTS);
-    }
-}
-
-/* Motion of the mesh at sample k into point l: known for the unactuated coordinates, a guess for the joints. */
-static inline void load_sample(const results *r, ptrdiff_t k, problem_points *arm, int l)
-{
-    const ptrdiff_t each = r->o->samples_per_interval, last = r->m->N - 1;
-    const ptrdiff_t interval = k / each < last ? k / each : last, inside = k - interval * each;
-    load_between(r->m, r->a_node, r->weights + inside * 3 * TERMS, interval, arm, l);
-    if (r->m->N > 1) { /* the neighbor that is nearer */
-        ptrdiff_t first = 2 * inside < each ? interval - 1 : interval;
-        first = first < 0 ? 0 : first < last ? first : last - 1;
-        load_joints_between(
-            r->m->q_g + first * STAGES * NG, r->joint_weights + (k - first * each) * 3 * JOINTS, arm, l);
-    }
-}
-#endif
 
 /* The first `count` points of n entries, sample after sample; n: a constant. */
 ELBOW_INLINE void store_samples(points *x, const int n, ptrdiff_t count, real *to)
@@ -597,11 +420,7 @@ static inline int arm_at_samples(
     const ptrdiff_t all = r->samples + BEYOND;
     joint_motion last;
     real joints[NG], time[POINTS], side = 0.0;
-#if ELBOW_NE > 0
-    tabulate_weights(r);
-#else
     (void)scale;
-#endif
     *worst = 0.0;
     for (int i = 0; i < NG; ++i) {
         joints[i] = q[i_g[i]];
@@ -617,13 +436,7 @@ static inline int arm_at_samples(
             reference_sample(r->p, k - r->o->n_pre, reference);
             load_reference(arm, point, reference);
             time[point] = (real)k * r->p->period;
-#if ELBOW_NE > 0
-            load_sample(r, k, arm, point);
-#endif
         }
-#if ELBOW_NE > 0
-        status = r->m->N > 1 ? improve_kinematics(arm, space) : status;
-#endif
         status = status == ELBOW_OK ? status : follow_kinematics(arm, &last, time, space);
         status = status == ELBOW_OK ? evaluate_rows(arm, space) : status;
         if (status != ELBOW_OK) {
@@ -650,20 +463,6 @@ static inline int arm_at_samples(
                 store_samples(arm->tau_g, NG, inside, r->tau_g + at * NG);
             }
         }
-#if ELBOW_NE > 0
-        {
-            lanes most = splat_v(*worst);
-            for (int i = 0; i < NE; ++i) {
-                for (ptrdiff_t l = r->samples - at; l < POINTS; ++l) { /* beyond the last sample */
-                    arm->row[i][l] = 0.0;
-                }
-                EACH (l) {
-                    most = fmax_v(most, fabs_v(load_v(&arm->row[i][l])) / scale[i]);
-                }
-            }
-            *worst = largest_lane(most);
-        }
-#endif
         if (used > 1) {
             keep_joints(arm, used - 1, (real)(at + used - 1) * r->p->period, (real)(used - 1) * r->p->period, &last);
         }
@@ -860,9 +659,6 @@ static inline int rest_at_samples(
  */
 static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_options *o, const whole_layout *l,
     const real *q,
-#if ELBOW_NE > 0
-    const mesh *m,
-#endif
     const real *q_end, ptrdiff_t samples, problem_points *arm, elbow_motion *motion, whole_report *report, real *work)
 {
     results r;
@@ -883,13 +679,6 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
     r.gear.stiffness = work + l->stiffness + BEFORE;
     r.gear.lagged = work + l->lagged + BEFORE;
     r.a_m = work + l->deflection;
-#if ELBOW_NE > 0
-    r.m = m;
-    r.a_node = work + l->a_node;
-    r.weights = work + l->weights;
-    r.joint_weights = work + l->joint_weights;
-    nodal_accelerations(m, work + l->a_node);
-#endif
     status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &report->residual_at_samples);
     if (status == ELBOW_OK) {
         status = motors_at_samples(&r, work + l->space);
