@@ -231,9 +231,7 @@ static inline void fill_interval(const mesh *m, int k, const real *point, bvp_sp
     const real *y = m->y + (ptrdiff_t)k * STATES;
     real next[STATES], *rows = w->interval;
     interval_rows(m, point, w->lq.J);
-    for (int i = 0; i < INTERVAL_ROWS * INTERVAL_WIDTH; ++i) {
-        rows[i] = 0.0;
-    }
+    set_zero(rows, INTERVAL_ROWS * INTERVAL_WIDTH);
     for (int i = 0; i < CONTROLS; ++i) {
         for (int j = 0; j < CONTROLS + STATES; ++j) {
             rows[i * INTERVAL_WIDTH + j] = w->lq.J[i * WIDTH + j];
@@ -272,9 +270,7 @@ static inline void fill_end(real (*rows)[STATES], int count, const real *y, cons
 {
     for (int i = 0; i < count; ++i) {
         real *row = to + i * NODE_WIDTH;
-        for (int j = 0; j < NODE_WIDTH; ++j) {
-            row[j] = 0.0;
-        }
+        set_zero(row, NODE_WIDTH);
         for (int j = 0; j < STATES; ++j) {
             row[j] = rows[i][j];
         }

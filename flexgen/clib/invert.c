@@ -158,9 +158,7 @@ static inline int lq_path_factor(mesh *m, real *point, const lq_data *c, lq_spac
 {
     int status;
     copy(m->end, STATES * STATES, w->P);
-    for (int i = 0; i < STATES; ++i) {
-        w->p[i] = 0.0;
-    }
+    set_zero(w->p, STATES);
     status = m->factored > m->varying ? lq_factor_alike(m, m->varying, c->steady_point, w) : MODEL_OK;
     return status == MODEL_OK ? lq_factor_before(m, m->varying, point, w, space) : status;
 }
@@ -385,9 +383,7 @@ static int prepare_end(
     for (int i = 0; i < STATES; ++i) {
         hold.y[i] = hold.y[STATES + i] = i < NE ? q[i_e[i % NE]] : 0.0;
     }
-    for (int i = 0; i < CONTROLS; ++i) {
-        hold.a[i] = 0.0;
-    }
+    set_zero(hold.a, CONTROLS);
     for (int k = 0; k < STAGES; ++k) {
         for (int i = 0; i < NG; ++i) {
             hold.q_g[k * NG + i] = q[i_g[i]];

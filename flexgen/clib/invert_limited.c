@@ -826,9 +826,7 @@ static void close_rows(const limited_call *m, const interior_point *p)
 {
     real *a = m->A + (ptrdiff_t)p->rows * m->width;
     int *range = (int *)(void *)m->range + 2 * (ptrdiff_t)p->rows;
-    for (int i = 0; i < m->width; ++i) {
-        a[i] = 0.0;
-    }
+    set_zero(a, m->width);
     range[0] = range[1] = 0;
 }
 
@@ -915,9 +913,7 @@ static int solve_program(const limited_call *m, const real *secants, real *z)
     interior_point p = {m->unknowns, 0, m->width, m->H, m->g, m->A, m->x, (const int *)(const void *)m->range,
         program_price, m->z, m->K, m->z + m->width, r, r + step, r + 2 * step, r + 3 * step, r + 4 * step,
         r + 5 * step};
-    for (int i = 0; i < m->unknowns; ++i) {
-        z[i] = 0.0;
-    }
+    set_zero(z, m->unknowns);
     for (int round = 0; round < ROW_ROUNDS; ++round) {
         show_rows(m, z, secants);
         if (choose_rows(m, round == 0 ? near_limit : 1.0) == 0 && round > 0) {
@@ -982,15 +978,9 @@ static int find_secants(const limited_call *m, const real *step, real *secants, 
 static int find_step(const limited_call *m, real *space)
 {
     real *secants = m->secants, least = (real)INFINITY; /* the responses are known: its memory is free */
-    for (ptrdiff_t i = 0; i < (ptrdiff_t)m->nodes * NM; ++i) {
-        secants[i] = 0.0;
-    }
-    for (int i = 0; i < m->unknowns; ++i) {
-        m->best[i] = 0.0;
-    }
-    for (ptrdiff_t i = 0; i < (ptrdiff_t)m->nodes * m->kinds * 2; ++i) {
-        m->used[i] = 0.0;
-    }
+    set_zero(secants, (ptrdiff_t)m->nodes * NM);
+    set_zero(m->best, m->unknowns);
+    set_zero(m->used, (ptrdiff_t)m->nodes * m->kinds * 2);
     set_program(m);
     for (int round = 0; round <= FRICTION_ROUNDS; ++round) {
         real over = 0.0;
@@ -1138,9 +1128,7 @@ static model_status invert_within(const model_samples *path, PARAMETERS_ARGUMENT
             return status;
         }
     }
-    for (int i = 0; i < m.unknowns; ++i) {
-        m.c[i] = 0.0;
-    }
+    set_zero(m.c, m.unknowns);
     status = follow_deviated(&m, &call, m.c, m.at_node, m.extreme, &worst);
     if (status != MODEL_OK) {
         return status;

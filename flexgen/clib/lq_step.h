@@ -283,9 +283,7 @@ static inline void interval_rows(const mesh *m, const real *point, real *J)
 static inline void sum_of_rows(const mesh *m, const real *point, real *J, real *H)
 {
     interval_rows(m, point, J);
-    for (int i = 0; i < COLUMNS * WIDTH; ++i) {
-        H[i] = 0.0;
-    }
+    set_zero(H, COLUMNS * WIDTH);
     add_outer_products(H, J, J, RESIDUALS, 0);
 }
 
@@ -521,9 +519,7 @@ static inline int lq_stationary_cost(mesh *hold, int intervals, int sweeps, real
     for (int i = 0; i < STATES * STATES; ++i) {
         cost[i] = w->P[i] = i % (STATES + 1) == 0 ? initial : 0.0;
     }
-    for (int i = 0; i < STATES; ++i) {
-        w->p[i] = 0.0;
-    }
+    set_zero(w->p, STATES);
     *is_exact = 0;
     for (int sweep = 0; sweep < sweeps; ++sweep) {
         int settled;
@@ -621,9 +617,7 @@ typedef struct {
 /* J' R of an interval in its scaled unknowns. */
 static inline void lq_gradient(const pair_weights *weights, const real *point, const real *row, real h, real *g)
 {
-    for (int i = 0; i < WIDTH; ++i) {
-        g[i] = 0.0;
-    }
+    set_zero(g, WIDTH);
     for (int s = 0; s < STAGES; ++s) {
         const real *at = point + s * POINT, *R = row + s * NE;
         real sums[TRIPLE + BLOCK]; /* K' R, D' R, A' R */
@@ -724,9 +718,7 @@ static inline int lq_linear(const mesh *m, const lq_data *c)
 /* The x of `lq_controls` for a state. */
 static inline void lq_state(const real *d, real forced, real *x)
 {
-    for (int i = 0; i < WIDTH; ++i) {
-        x[i] = 0.0;
-    }
+    set_zero(x, WIDTH);
     copy(d, STATES, x + CONTROLS);
     x[CONTROLS + STATES] = forced;
 }

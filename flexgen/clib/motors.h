@@ -25,9 +25,7 @@ static inline int bracketed_deflection(const real *torque, real *deflection, rea
 {
     real low[NG], high[NG], value[NG], at[NG];
     int short_of = 1;
-    for (int i = 0; i < NG; ++i) {
-        at[i] = 0.0;
-    }
+    set_zero(at, NG);
     if (evaluate_gear_law(at, value, stiffness, space) != MODEL_OK) {
         return 0;
     }
@@ -265,9 +263,7 @@ typedef struct {
 static inline int least_stiffness(real *at_zero, real *least, real *space)
 {
     real at[NG], value[NG];
-    for (int i = 0; i < NG; ++i) {
-        at[i] = 0.0;
-    }
+    set_zero(at, NG);
     if (evaluate_gear_law(at, value, at_zero, space) != MODEL_OK) {
         return 0;
     }

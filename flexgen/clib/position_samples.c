@@ -28,9 +28,7 @@ int64_t model_position_samples_work(int n, const model_robot_interface *robot)
 /* Weights of the positions j - 1 to j + 2 at the part x of the way from position j to the next. */
 static void interface_weights(int interpolation, real x, real weight[SPREAD])
 {
-    for (int i = 0; i < SPREAD; ++i) {
-        weight[i] = 0.0;
-    }
+    set_zero(weight, SPREAD);
     if (interpolation == MODEL_INTERPOLATION_HOLD) {
         weight[1] = 1.0;
     } else if (interpolation == MODEL_INTERPOLATION_LINEAR) {
@@ -133,12 +131,8 @@ model_status model_position_samples(
             return MODEL_INPUT_NOT_FINITE;
         }
     }
-    for (ptrdiff_t i = 0; i < m * SPREAD; ++i) {
-        work[i] = 0.0;
-    }
-    for (ptrdiff_t i = 0; i < m * NG; ++i) {
-        positions[i] = 0.0;
-    }
+    set_zero(work, m * SPREAD);
+    set_zero(positions, m * NG);
     add_samples(command_g, n, robot, m, work, positions);
     if (!factor_band(work, m)) {
         return MODEL_RESULT_NOT_FINITE;

@@ -4,6 +4,7 @@
 #ifndef MODEL_PRIVATE_H
 #define MODEL_PRIVATE_H
 
+#include "model_batch.h"
 #include "model_kernel.h"
 
 #include <math.h>
@@ -18,6 +19,20 @@
 #define SEPARATE
 #define COLD
 #endif
+
+/* Sines and cosines of n angles: arrays whose names end with k. */
+#define SINES_COSINES(k, n, ...) \
+    const T angle##k[ANGLES(n)] = {__VA_ARGS__}; \
+    T sine##k[ANGLES(n)], cosine##k[ANGLES(n)]; \
+    F(sincos)(angle##k, sine##k, cosine##k, n);
+
+/* Statements for each of four or eight vectors of a row x, from which multiples of other rows are subtracted. */
+#define FOUR(DO) DO(0) DO(1) DO(2) DO(3)
+#define EIGHT(DO) FOUR(DO) DO(4) DO(5) DO(6) DO(7)
+#define LOAD_ROW(i) ROW rest##i = x[i];
+#define LOAD_SCALED_ROW(i) ROW rest##i = pivot * x[i];
+#define SUBTRACT_ROW(i) rest##i -= times * other[i];
+#define STORE_ROW(i) x[i] = rest##i;
 
 static inline real sum_v(const lanes x)
 {

@@ -533,9 +533,7 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     space = stream + l.space;
     keep_parameters(parameters_given, space);
 #if MODEL_FORCE
-    for (int i = 0; i < FORCES; ++i) {
-        FORCE_OF(space)[i] = 0.0;
-    }
+    set_zero(FORCE_OF(space), FORCES);
 #endif /* MODEL_FORCE */
     copy(q_start, NA, q);
     stream[INTERVALS] = (real)options->intervals;

@@ -631,9 +631,7 @@ static inline int refresh_factor(real *s, const layout *l, int k)
     const mesh m = mesh_of(l, s);
     const ptrdiff_t slot = slot_of(&m, k);
     copy(k == m.N - 1 ? m.end : s + l->costs + slot_of(&m, k + 1) * STATES * STATES, STATES * STATES, w->P);
-    for (int j = 0; j < STATES; ++j) {
-        w->p[j] = 0.0;
-    }
+    set_zero(w->p, STATES);
     sum_of_rows(&m, s + l->point + slot * STAGES * POINT, w->J, w->H);
     if (!factor_interval(&m, k, w, m.factor + slot * CONTROLS * WIDTH) || !is_finite(w->p, STATES)) {
         return MODEL_NOT_CONVERGED;

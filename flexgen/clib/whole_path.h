@@ -474,9 +474,7 @@ static inline int guess_mesh(mesh *m, const model_samples *p, const real *q, int
             m->y[k * STATES + NE + i] = 0.0;
         }
     }
-    for (ptrdiff_t k = 0; k < (ptrdiff_t)m->N * CONTROLS; ++k) {
-        m->a[k] = 0.0;
-    }
+    set_zero(m->a, (ptrdiff_t)m->N * CONTROLS);
     for (int i = 0; i < NG; ++i) {
         joints[i] = q[i_g[i]];
     }

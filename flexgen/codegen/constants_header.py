@@ -119,8 +119,6 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
 #ifndef {prefix}_MOTOR_CONSTANTS_H
 #define {prefix}_MOTOR_CONSTANTS_H
 
-#include "{spec.name}_batch.h"
-
 #include "{spec.name}_private.h"
 
 #define {prefix}_POSE {int(constants.pose)} /* the output is a pose: position, then rotation */
@@ -147,7 +145,10 @@ def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
 def batch_call(spec: LibrarySpec, f: FunctionSpec) -> str:
     """A macro that calls a function for many points."""
     ports, given = _ports_of_call(spec, f)
-    return f"#define evaluate_{f.name}_batch(n, {ports}, work) {spec.name}_{f.name}_batch(n, {given}, work)\n"
+    name = f"{f.name}_batch"
+    if ports == given:
+        return f"#define evaluate_{name} {spec.name}_{name}\n"
+    return f"#define evaluate_{name}(n, {ports}, work) {spec.name}_{name}(n, {given}, work)\n"
 
 
 def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:

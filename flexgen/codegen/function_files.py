@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 
 from flexgen.codegen.amalgamation import MATHEMATICS
-from flexgen.codegen.c_text import count_of, macro, prototype, quote, size_macro
+from flexgen.codegen.c_text import macro, quote, size_macro
 from flexgen.codegen.clib_types import CFunction
 from flexgen.codegen.header import tile
 from flexgen.codegen.interface import ABI_VERSION, POSITION, STATUSES, default_of
@@ -14,8 +14,6 @@ from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
 from flexgen.position_servo.keys import GAINS
 from flexgen.spec.ports import Port
-
-WAYS = 24  # lines that a set of the first cache may hold, about; more results at once push each other out
 
 
 def facade(spec: LibrarySpec) -> str:
@@ -122,18 +120,15 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     The mathematics is compiled twice, for one point and for lanes of points: the file includes itself.
     """
     file = f"{spec.name}_{f.name}.c"
-    arrays = " ".join(
-        f"{'SHARED' if _shared(spec, p) else 'INPUT' if p in f.inputs else 'OUTPUT'}({p.name}, {count_of(spec, f, p)})"
+    *ports, last = [
+        f"{'SHARED' if _shared(spec, p) else 'INPUT' if p in f.inputs else 'OUTPUT'}"
+        f"({p.name}, {' * '.join(str(spec.sizes.get(extent, extent)) for extent in f.extents[p.name])})"
         for p in (*f.inputs, *f.outputs)
-    )
-    results = sum(port.size for port in f.outputs)
-    arguments = [port.name if _shared(spec, port) else f"at_{port.name}" for port in (*f.inputs, *f.outputs)]
-    single = ", ".join([*arguments, *["work"] * (written.work > 0)])
+    ]
+    arrays = " ".join([*ports, last.replace("OUTPUT", "LAST", 1)])
     return f"""\
 /* {spec.name}: {f.name}. Written by flexgen; see {spec.name}.h. */
-#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
-#include "{spec.name}_batch.h"
-
+#ifndef T /* the file includes itself: the mathematics with T a number, then lanes of numbers */
 #include "{spec.name}_private.h"
 
 #include "{spec.name}_point.h"
@@ -143,17 +138,13 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 #include "{file}"
 
 #define NAME(suffix) {f.name}_##suffix
-#define PUBLIC(suffix) {spec.name}_{f.name}_##suffix
-#define ARRAYS(INPUT, SHARED, OUTPUT) \\
+#define ARRAYS(INPUT, SHARED, OUTPUT, LAST) \\
 {_break_lines(arrays)}
 #define WORK {written.work}
-#define SINGLE {spec.name}_{f.name}({single})
+#define SINGLE {spec.name}_{f.name}
 #define TILE {tile(f, spec.precision)}
-#define RESULTS {results}
-#define COLLIDE {int(results > WAYS)}
+#define RESULTS {sum(port.size for port in f.outputs)}
 #include "{spec.name}_function.h"
-
-{_one_point(spec, f, written)}
 #include "{spec.name}_undefine.h"
 {MATHEMATICS}
 {written.text}#endif
@@ -164,22 +155,6 @@ def _break_lines(text: str) -> str:
     """A long line of a macro, in several lines."""
     lines = textwrap.wrap(text.replace(", ", ",\0"), 112, break_long_words=False, break_on_hyphens=False)
     return " \\\n".join(f"    {line}" for line in lines).replace("\0", " ")
-
-
-def _one_point(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
-    """The function for one point."""
-    names = [port.name for port in (*f.inputs, *f.outputs)]
-    given = ", ".join([*names, *["work"] * (written.work > 0)])
-    missing = given.replace(",", " == NULL ||")
-    return f"""\
-{prototype(spec, f, written.work)}
-{{
-    if ({missing} == NULL) {{
-        return {macro(spec, "NULL_ARGUMENT")};
-    }}
-    return {f.name}_evaluate_1({given}) == 0 ? {macro(spec, "OK")} : {f.name}_failed({", ".join(names)}, 1, 1);
-}}
-"""
 
 
 def _shared(spec: LibrarySpec, port: Port) -> bool:

@@ -75,8 +75,6 @@ def _constants(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
 #ifndef {prefix}_KINEMATIC_CONSTANTS_H
 #define {prefix}_KINEMATIC_CONSTANTS_H
 
-#include "{spec.name}_batch.h"
-
 #include "{spec.name}_private.h"
 
 #define {prefix}_KINEMATIC_SPACE {space_of(spec, written, USED)} /* reals of workspace for the functions below */

@@ -1,4 +1,4 @@
-"""The mathematics of one function as C: one constant local per operation, for one point or for lanes of points.
+"""The mathematics of one function as C: one local per operation, set once, for one point or for lanes of points.
 
 The text is included twice, see `flexgen.codegen.emit`: with ``T`` a real for one point, and with ``T`` a vector of
 reals, one per point. ``IN``, ``OUT`` and ``P`` reach an entry of an input, an output and the parameters; ``F(name)`` is
@@ -27,6 +27,9 @@ from flexgen.expressions.step_text import step_text
 
 CHUNK = 500  # operations per C function: a compiler keeps values in registers, and is quick, where functions are short
 MARGIN = 500  # a function that is longer than a chunk by less than this stays in one piece
+
+AT_ONCE = 10  # entries of the workspace that a statement sets to the same value
+LONG = 90  # characters of a sum that becomes a statement
 
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 
@@ -316,7 +319,7 @@ class _Writer:
         else:
             piece.workspace = True
             text = f"w[{self.start + self.slots[node]}]"
-        piece.lines.append(f"const T t{node} = {text};")
+        piece.lines.append(f"T t{node} = {text};")
 
     def _input(self, piece: _Piece, name: str, entry: int) -> str:
         if name in self.layout.places:
@@ -331,7 +334,7 @@ class _Writer:
     def _define(self, piece: _Piece, node: int, text: str) -> None:
         piece.known.add(node)
         piece.locals += 1
-        piece.lines.append(f"const T t{node} = {text};")
+        piece.lines.append(f"T t{node} = {text};")
         if node in self.slots:
             piece.workspace = True
             piece.lines.append(f"w[{self.start + self.slots[node]}] = t{node};")
@@ -352,11 +355,7 @@ class _Writer:
             self._fetch(piece, angle)
         n, first = len(angles), angles[0]
         values = ", ".join(f"t{angle}" for angle in angles)
-        piece.lines += [
-            f"const T angle{first}[ANGLES({n})] = {{{values}}};",
-            f"T sine{first}[ANGLES({n})], cosine{first}[ANGLES({n})];",
-            f"F(sincos)(angle{first}, sine{first}, cosine{first}, {n});",
-        ]
+        piece.lines.append(f"SINES_COSINES({first}, {n}, {values})")
         piece.locals += 3 * -(-n // 16) * 16
         for k, angle in enumerate(angles):
             for node in self.turning[angle]:
@@ -364,6 +363,7 @@ class _Writer:
 
     def _store(self, piece: _Piece, node: int) -> None:
         """Write a value wherever it is a result."""
+        places: dict[str, list[str]] = {}  # of the workspace, by the text of the value
         for array, entry, r in self.stores.get(node, ()):
             if self.added and self.graph.number(r) == 0.0:
                 continue
@@ -380,7 +380,14 @@ class _Writer:
             piece.workspace = True
             if name in self.layout.strides:  # by rows
                 entry = (entry % rows) * self.layout.strides[name] + entry // rows
-            piece.lines.append(f"w[{self.layout.places[name] + entry}] {'+' * self.added}= {self._argument(r)};")
+            place = f"w[{self.layout.places[name] + entry}]"
+            if self.added:
+                piece.lines.append(f"{place} += {self._argument(r)};")
+            else:
+                places.setdefault(self._argument(r), []).append(place)
+        for value, equal in places.items():
+            chunks = (equal[k : k + AT_ONCE] for k in range(0, len(equal), AT_ONCE))
+            piece.lines += [" = ".join([*reversed(chunk), value]) + ";" for chunk in chunks]  # C begins with the last
 
     def check(self, piece: _Piece, unread: Sequence[tuple[str, int]]) -> list[str]:
         """Lines that return the sum of zero times every result, combined in the order in which they become known."""
@@ -399,7 +406,10 @@ class _Writer:
         lines = []
         while len(heap) > 1:
             a, b = heapq.heappop(heap), heapq.heappop(heap)
-            lines.append(f"const T z{count} = {a[2]} + {b[2]};")
-            heapq.heappush(heap, (max(a[0], b[0]) + 4, count, f"z{count}"))
+            text = f"{a[2]} + ({b[2]})" if "+" in b[2] else f"{a[2]} + {b[2]}"
+            if len(text) > LONG:
+                lines.append(f"T z{count} = {text};")
+                text = f"z{count}"
+            heapq.heappush(heap, (max(a[0], b[0]) + 4, count, text))
             count += 1
         return [*lines, f"return {heap[0][2] if heap else f'F(splat)({zero})'};"]

@@ -129,18 +129,18 @@ def _elimination_lines(step: Solve | Factor, columns: int, rounding: str) -> lis
     ]
 
 
-def _less(step: Solve, lanes: int, factor: str, others: str, start: str) -> list[str]:
+def _less(step: Solve, each: str, factor: str, others: str, start: str) -> list[str]:
     """Lines that take multiples of other rows from some vectors of a row: independent sums."""
-    places, row = range(lanes), f"rows + {{}} * ROW_COUNT({step.stride}) + k"
+    row = f"rows + {{}} * ROW_COUNT({step.stride}) + k"
     return [
         f"        ROW *const x = {row.format('i')};",
-        *(f"        ROW rest{i} = {start}x[{i}];" for i in places),
+        f"        {each}({start})",
         f"        for ({others}) {{",
         f"            const ROW *const other = {row.format('j')};",
         f"            const T times = {factor};",
-        *(f"            rest{i} -= times * other[{i}];" for i in places),
+        f"            {each}(SUBTRACT_ROW)",
         "        }",
-        *(f"        x[{i}] = rest{i};" for i in places),
+        f"        {each}(STORE_ROW)",
     ]
 
 
@@ -151,20 +151,20 @@ def _substitution_lines(step: Solve) -> list[str]:
     """
     n, stride = step.n, step.matrix_stride
 
-    def some(lanes: int) -> list[str]:
+    def some(lanes: int, each: str) -> list[str]:
         return [
             f"for (; k + {lanes} <= count; k += {lanes}) {{",
             f"    for (i = 0; i < {n}; ++i) {{",
-            *_less(step, lanes, f"matrix[j * {stride} + i]", "j = first[i]; j < i; ++j", ""),
+            *_less(step, each, f"matrix[j * {stride} + i]", "j = first[i]; j < i; ++j", "LOAD_ROW"),
             "    }",
             f"    for (i = {n - 1}; i >= 0; --i) {{",
             "        const T pivot = inverse[i];",
-            *_less(step, lanes, f"matrix[i * {stride} + j]", "j = i + 1; j < last[i]; ++j", "pivot * "),
+            *_less(step, each, f"matrix[i * {stride} + j]", "j = i + 1; j < last[i]; ++j", "LOAD_SCALED_ROW"),
             "    }",
             "}",
         ]
 
-    return ["k = 0;", *some(8), *some(4)]
+    return ["k = 0;", *some(8, "EIGHT"), *some(4, "FOUR")]
 
 
 def _solution_lines(step: Solve, layout: Layout, outputs: Mapping[str, int]) -> list[str]:

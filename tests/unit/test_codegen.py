@@ -142,6 +142,11 @@ def test_sources_are_strict_c99_and_pure(name, level, tmp_path):
     assert not re.search(r" [bBdDC] ", run("nm", static_library(folder), folder=tmp_path))  # no writable static data
 
 
+def test_the_sources_are_few_and_short():
+    files = [path for path in (made("planar5_nmp").directory / "src").iterdir() if path.is_file()]
+    assert len(files) <= 40 and sum(path.stat().st_size for path in files) <= 450_000
+
+
 def test_only_the_headers_symbols_are_exported():
     folder = made("planar5_nmp").directory
     library = next(path for path in folder.iterdir() if path.suffix in (".so", ".dylib"))

@@ -97,6 +97,13 @@ static inline int inner_status(int status)
     return status == ELBOW_INPUT_NOT_FINITE ? ELBOW_RESULT_NOT_FINITE : status;
 }
 
+static inline void set_zero(real *x, ptrdiff_t n)
+{
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        x[i] = 0.0;
+    }
+}
+
 static inline void copy(const real *from, ptrdiff_t n, real *to)
 {
     for (ptrdiff_t i = 0; i < n; ++i) {

@@ -52,6 +52,7 @@ typedef bits lanes_bits __attribute__((vector_size(ELBOW_VECTOR), aligned(BYTES)
 #else
 #define LANES 1
 typedef real lanes;
+typedef bits lanes_bits;
 #endif
 
 #define LESSER(a, b) ((a) < (b) ? (a) : (b))
@@ -117,83 +118,24 @@ static inline bits equal_1(const real a, const real b)
 #undef B
 #undef F
 
-/* The other functions call <math.h>. */
-static inline real sqrt_1(const real x)
-{
-    return LIBM(sqrt)(x);
-}
-static inline real log_1(const real x)
-{
-    return LIBM(log)(x);
-}
-static inline real expm1_1(const real x)
-{
-    return LIBM(expm1)(x);
-}
-static inline real log1p_1(const real x)
-{
-    return LIBM(log1p)(x);
-}
-static inline real erf_1(const real x)
-{
-    return LIBM(erf)(x);
-}
-static inline real tan_1(const real x)
-{
-    return LIBM(tan)(x);
-}
-static inline real asin_1(const real x)
-{
-    return LIBM(asin)(x);
-}
-static inline real acos_1(const real x)
-{
-    return LIBM(acos)(x);
-}
-static inline real atan_1(const real x)
-{
-    return LIBM(atan)(x);
-}
-static inline real sinh_1(const real x)
-{
-    return LIBM(sinh)(x);
-}
-static inline real cosh_1(const real x)
-{
-    return LIBM(cosh)(x);
-}
-static inline real asinh_1(const real x)
-{
-    return LIBM(asinh)(x);
-}
-static inline real acosh_1(const real x)
-{
-    return LIBM(acosh)(x);
-}
-static inline real atanh_1(const real x)
-{
-    return LIBM(atanh)(x);
-}
-static inline real atan2_1(const real x, const real y)
-{
-    return LIBM(atan2)(x, y);
-}
-static inline real pow_1(const real x, const real y)
-{
-    return LIBM(pow)(x, y);
-}
-static inline real fmod_1(const real x, const real y)
-{
-    return LIBM(fmod)(x, y);
-}
-static inline real remainder_1(const real x, const real y)
-{
-    return LIBM(remainder)(x, y);
-}
-static inline real hypot_1(const real x, const real y)
-{
-    return LIBM(hypot)(x, y);
-}
+/* The other functions call <math.h>; those of one argument, and of two. */
+#define ELBOW_CIRCULAR(DO) DO(tan) DO(asin) DO(acos) DO(atan)
+#define ELBOW_HYPERBOLIC(DO) DO(sinh) DO(cosh) DO(asinh) DO(acosh) DO(atanh)
+#define ELBOW_OF_ONE(DO) ELBOW_CIRCULAR(DO) ELBOW_HYPERBOLIC(DO) DO(sqrt) DO(log) DO(expm1) DO(log1p) DO(erf)
+#define ELBOW_OF_TWO(DO) DO(atan2) DO(pow) DO(fmod) DO(remainder) DO(hypot)
+
+#define CALL_ONE(f) \
+    static inline real f##_1(const real x) \
+    { \
+        return LIBM(f)(x); \
+    }
+#define CALL_TWO(f) \
+    static inline real f##_1(const real x, const real y) \
+    { \
+        return LIBM(f)(x, y); \
+    }
+ELBOW_OF_ONE(CALL_ONE)
+ELBOW_OF_TWO(CALL_TWO)
 
 #if LANES > 1
 /* A vector. */
@@ -273,6 +215,18 @@ static inline lanes_bits equal_v(const lanes a, const lanes b)
     return (lanes_bits)(a == b);
 }
 
+#else /* a vector is one number */
+#define splat_v splat_1
+#define load_v load_1
+#define store_v store_1
+#define gather_v gather_1
+#define bits_v bits_1
+#define from_bits_v from_bits_1
+#define less_v less_1
+#define less_equal_v less_equal_1
+#define equal_v equal_1
+#endif
+
 #define T lanes
 #define B lanes_bits
 #define F(name) name##_v
@@ -281,6 +235,7 @@ static inline lanes_bits equal_v(const lanes a, const lanes b)
 #undef B
 #undef F
 
+#if LANES > 1
 /* The first whole vector from p on. */
 static inline lanes *aligned_v(lanes *p)
 {
@@ -300,7 +255,7 @@ static inline lanes before_v(const int count, const lanes a, const lanes b)
     return choose_v(*(const lanes_bits *)(first + 16 - count), a, b);
 }
 
-#define ELBOW_OF_ONE(f) \
+#define EACH_ONE(f) \
     static inline lanes f##_v(const lanes x) \
     { \
         lanes y = x; \
@@ -309,7 +264,7 @@ static inline lanes before_v(const int count, const lanes a, const lanes b)
         } \
         return y; \
     }
-#define ELBOW_OF_TWO(f) \
+#define EACH_TWO(f) \
     static inline lanes f##_v(const lanes a, const lanes b) \
     { \
         lanes y = a; \
@@ -318,88 +273,23 @@ static inline lanes before_v(const int count, const lanes a, const lanes b)
         } \
         return y; \
     }
-ELBOW_OF_ONE(sqrt)
-ELBOW_OF_ONE(log)
-ELBOW_OF_ONE(expm1)
-ELBOW_OF_ONE(log1p)
-ELBOW_OF_ONE(erf)
-ELBOW_OF_ONE(tan)
-ELBOW_OF_ONE(asin)
-ELBOW_OF_ONE(acos)
-ELBOW_OF_ONE(atan)
-ELBOW_OF_ONE(sinh)
-ELBOW_OF_ONE(cosh)
-ELBOW_OF_ONE(asinh)
-ELBOW_OF_ONE(acosh)
-ELBOW_OF_ONE(atanh)
-ELBOW_OF_TWO(atan2)
-ELBOW_OF_TWO(pow)
-ELBOW_OF_TWO(fmod)
-ELBOW_OF_TWO(remainder)
-ELBOW_OF_TWO(hypot)
-
-#else /* a vector is one number */
-#define splat_v splat_1
-#define load_v load_1
-#define store_v store_1
-#define gather_v gather_1
-#define bits_v bits_1
-#define from_bits_v from_bits_1
-#define less_v less_1
-#define less_equal_v less_equal_1
-#define equal_v equal_1
-#define choose_v choose_1
+#else
 #define before_v(count, a, b) (b)
 #define aligned_1(p) (p)
 #define aligned_v(p) (p)
-#define fabs_v fabs_1
-#define copysign_v copysign_1
-#define truth_v truth_1
-#define holds_v holds_1
-#define lt_v lt_1
-#define le_v le_1
-#define eq_v eq_1
-#define ne_v ne_1
-#define and_v and_1
-#define or_v or_1
-#define not_v not_1
-#define select_v select_1
-#define if_else_zero_v if_else_zero_1
-#define guarded_v guarded_1
-#define sign_v sign_1
-#define fmin_v fmin_1
-#define fmax_v fmax_1
-#define whole_v whole_1
-#define floor_v floor_1
-#define ceil_v ceil_1
-#define reduce_v reduce_1
-#define sine_cosine_part_v sine_cosine_part_1
-#define sine_cosine_v sine_cosine_1
-#define sin_v sin_1
-#define cos_v cos_1
-#define exp_part_v exp_part_1
-#define exp_v exp_1
-#define tanh_v tanh_1
-#define sqrt_v sqrt_1
-#define log_v log_1
-#define expm1_v expm1_1
-#define log1p_v log1p_1
-#define erf_v erf_1
-#define tan_v tan_1
-#define asin_v asin_1
-#define acos_v acos_1
-#define atan_v atan_1
-#define sinh_v sinh_1
-#define cosh_v cosh_1
-#define asinh_v asinh_1
-#define acosh_v acosh_1
-#define atanh_v atanh_1
-#define atan2_v atan2_1
-#define pow_v pow_1
-#define fmod_v fmod_1
-#define remainder_v remainder_1
-#define hypot_v hypot_1
+#define EACH_ONE(f) \
+    static inline lanes f##_v(const lanes x) \
+    { \
+        return f##_1(x); \
+    }
+#define EACH_TWO(f) \
+    static inline lanes f##_v(const lanes a, const lanes b) \
+    { \
+        return f##_1(a, b); \
+    }
 #endif
+ELBOW_OF_ONE(EACH_ONE)
+ELBOW_OF_TWO(EACH_TWO)
 
 #define AT_ONCE 32 /* vectors of angles, whose reductions wait for their polynomials */
 

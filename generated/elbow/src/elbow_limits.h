@@ -376,12 +376,8 @@ static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N,
             }
         }
     }
-    for (int i = 0; i < n * n; ++i) {
-        H[i] = 0.0;
-    }
-    for (int i = 0; i < n; ++i) {
-        g[i] = 0.0;
-    }
+    set_zero(H, n * n);
+    set_zero(g, n);
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS, *x = deviation + k * DEVIATION;
         for (int c = 0; c < CHAIN; ++c) {

@@ -4,8 +4,6 @@
 #ifndef ELBOW_MOTOR_CONSTANTS_H
 #define ELBOW_MOTOR_CONSTANTS_H
 
-#include "../elbow_batch.h"
-
 #include "elbow_private.h"
 
 #define ELBOW_POSE 0 /* the output is a pose: position, then rotation */
@@ -42,12 +40,12 @@ static const real no_parameters[1] = {0};
 #define GIVEN_PARAMETERS no_parameters
 #define PASSED_PARAMETERS
 #define evaluate_output_constraint(q_a, v_a, target, y_err, W, Wdot_v, work) ((void)(work), elbow_output_constraint(q_a, v_a, target, y_err, W, Wdot_v))
-#define evaluate_output_constraint_batch(n, q_a, v_a, target, y_err, W, Wdot_v, work) elbow_output_constraint_batch(n, q_a, v_a, target, y_err, W, Wdot_v, work)
+#define evaluate_output_constraint_batch elbow_output_constraint_batch
 #define evaluate_inversion_rows(q_a, v_a, a_a, tau_g, work) ((void)(work), elbow_inversion_rows(q_a, v_a, a_a, tau_g))
-#define evaluate_inversion_rows_batch(n, q_a, v_a, a_a, tau_g, work) elbow_inversion_rows_batch(n, q_a, v_a, a_a, tau_g, work)
+#define evaluate_inversion_rows_batch elbow_inversion_rows_batch
 #define evaluate_gear_law(deflection, tau_p, dtau_p, work) ((void)(work), elbow_gear_law(deflection, tau_p, dtau_p))
-#define evaluate_gear_law_batch(n, deflection, tau_p, dtau_p, work) elbow_gear_law_batch(n, deflection, tau_p, dtau_p, work)
+#define evaluate_gear_law_batch elbow_gear_law_batch
 #define evaluate_motor_friction(v_m, f_m, work) ((void)(work), elbow_motor_friction(v_m, f_m))
-#define evaluate_motor_friction_batch(n, v_m, f_m, work) elbow_motor_friction_batch(n, v_m, f_m, work)
+#define evaluate_motor_friction_batch elbow_motor_friction_batch
 
 #endif

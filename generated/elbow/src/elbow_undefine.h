@@ -21,12 +21,13 @@
 #undef ROW_SUM
 #undef NAME
 #undef PUBLIC
+#undef JOINED
 #undef ARRAYS
 #undef WORK
 #undef SINGLE
 #undef TILE
 #undef RESULTS
-#undef COLLIDE
+#undef WAYS
 #undef CACHE
 #undef NOTHING
 #undef INPUT_ARGUMENT
@@ -46,3 +47,10 @@
 #undef RESERVE
 #undef GIVE
 #undef PASS_WORK
+#undef INPUT_OF_SIZE
+#undef OUTPUT_OF_SIZE
+#undef LAST_OF_SIZE
+#undef LAST_IS_NULL
+#undef PASS_LAST
+#undef PASS_COPY
+#undef PASS_LAST_COPY
