@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.response_outputs import ANGLE
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.average_names import AverageName
 from flexgen.identification.experiments.experiment import Experiment
-from flexgen.identification.outputs import ANGLE
 from flexgen.numerics.records import TRANSIENT, first_period_excess
 from flexgen.numerics.response_estimates import estimate
 from flexgen.numerics.spectra import without_transients

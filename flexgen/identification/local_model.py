@@ -2,7 +2,7 @@
 
     Z(w) X = B,    Z = -w^2 M + j w D + K,    G(w) = -w^2 h(w) exp(-j w t_d) C_m X k_t      [rad/s^2 / (N m)]
 
-from motor torques to motor accelerations, motor side (sensors: see `flexgen.identification.outputs`), with the hold
+from motor torques to motor accelerations, motor side (sensors: see `flexgen.analysis.response_outputs`), with the hold
 ``h = sinc(w T/2) exp(-j w T/2)``, the delay t_d and the torque constants k_t (1 where the drive is right). The robot
 rests at the motor angles of the pose:
 
@@ -28,9 +28,9 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis.mean_friction import is_linear, mean_viscous_change, normal_nodes
+from flexgen.analysis.response_outputs import OutputRows
 from flexgen.analysis.second_order import motor_rows
 from flexgen.errors import SolverError
-from flexgen.identification.outputs import OutputRows
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.force_laws import spring_torque
 from flexgen.mechanics.lagrangian import gears

@@ -27,10 +27,10 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.linalg import eigh
 
+from flexgen.analysis.response_outputs import ANGLE
 from flexgen.identification.experiments.operating_points import along_x
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
-from flexgen.identification.outputs import ANGLE
 from flexgen.identification.parameters import ParameterVector
 from flexgen.numerics.noise_structure import fit_levels, regular, structured_covariance
 from flexgen.numerics.trust_region import Sums

@@ -11,10 +11,10 @@ import pytest
 from identification_cases import NOISY, poses_of, without_coulomb
 
 import flexgen
+from flexgen.analysis import response_outputs
+from flexgen.analysis.response_outputs import channels
 from flexgen.errors import ModelError
-from flexgen.identification import outputs
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.outputs import channels
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.identification.result import FitStatus
@@ -114,7 +114,7 @@ def test_torques_of_gears_are_those_of_their_springs(planted: str, monkeypatch: 
     q_m = poses_of(model, 1, spread=0.2) @ model.eta.T
     speeds = np.full(2, 3.0)
     if planted == "friction":
-        monkeypatch.setattr(outputs, "is_linear", lambda friction: True)
+        monkeypatch.setattr(response_outputs, "is_linear", lambda friction: True)
     local = LocalModel(model, ["payload.mass"], channels(model))
     rest, real = local.rest(local.values, q_m), local.outputs.at
     if planted == "masses":

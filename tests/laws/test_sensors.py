@@ -14,11 +14,11 @@ from measured_numbers import check_numbers
 from shipped_models import elastic_models
 
 import flexgen
+from flexgen.analysis.response_outputs import channels
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.outputs import channels
 from flexgen.identification.parameters import with_sensor_delays
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter

@@ -12,12 +12,12 @@ from identification_cases import exact_responses, poses_of, small_plan, without_
 from numpy.testing import assert_allclose
 
 import flexgen
+from flexgen.analysis.response_outputs import OutputRows
 from flexgen.errors import ArgumentError
 from flexgen.identification import frequency_response as fr
 from flexgen.identification import residuals as weights
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.local_model import Drive, with_drive
-from flexgen.identification.outputs import OutputRows
 from flexgen.identification.parameters import ParameterVector, cascade_at
 from flexgen.identification.residuals import Residuals
 from flexgen.loop.controllers import Cascade

@@ -12,8 +12,8 @@ from itertools import combinations
 
 import numpy as np
 
+from flexgen.analysis.response_outputs import ANGLE
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.outputs import ANGLE
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis import second_order
+from flexgen.analysis.response_outputs import output_orders
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import count_of
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.sensor_simulation import SensorSignals
 from flexgen.identification.local_model import LocalModel
-from flexgen.identification.outputs import output_orders
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import MOST_STEPS, ClosedLoop, Samples
 from flexgen.model.elements import RobotModel

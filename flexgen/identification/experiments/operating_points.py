@@ -18,10 +18,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from flexgen.analysis.response_outputs import noises, output_orders
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.outputs import noises, output_orders
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_drive, is_of_sensor
 from flexgen.model.elements import RobotModel
 

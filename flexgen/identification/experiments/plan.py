@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.analysis.linear import linearize
+from flexgen.analysis.response_outputs import channels, check_channels
 from flexgen.analysis.second_order import motor_inertias
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import PERIODS, SAMPLES, count_of, seconds_of
@@ -16,7 +17,6 @@ from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points
 from flexgen.identification.experiments.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
 from flexgen.identification.experiments.optimal_spectrum import with_optimal_spectrum
-from flexgen.identification.outputs import channels, check_channels
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware

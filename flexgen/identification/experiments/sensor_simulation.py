@@ -5,9 +5,9 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from flexgen.analysis.response_outputs import channels, check_channels, noises
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.outputs import channels, check_channels, noises
 from flexgen.library.casadi_module import in_c
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.sensors import sensor_signals

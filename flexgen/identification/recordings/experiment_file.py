@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from flexgen.analysis.response_outputs import output_orders
 from flexgen.codegen.digest import model_digest
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import HOLDS, Experiment
-from flexgen.identification.outputs import output_orders
 from flexgen.identification.recordings.description import Description, Recording, is_description, read_description
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware

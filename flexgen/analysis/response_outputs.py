@@ -8,7 +8,7 @@ and forces; X: spectrum of the coordinates y about rest.
 
 ``C2, C1, C0``: derivatives of the signal in the accelerations, velocities and coordinates at rest. The last one has the
 tilt of an accelerometer in the gravity field. Those of torques and forces depend on masses and frictions; a friction of
-a joint has there the mean slope that it has in the matrices of `flexgen.identification.local_model`.
+a joint has there the mean slope that it has in the matrices of the linear model.
 """
 
 from __future__ import annotations
