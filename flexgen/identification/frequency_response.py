@@ -14,6 +14,7 @@ IFAC 2008 (multivariable frequency responses of robots in closed loop).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +24,7 @@ from flexgen.analysis.response_outputs import ANGLE
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.average_names import AverageName
 from flexgen.identification.experiments.experiment import Experiment
+from flexgen.loop.controllers import Cascade
 from flexgen.numerics.records import TRANSIENT, first_period_excess
 from flexgen.numerics.response_estimates import estimate
 from flexgen.numerics.spectra import without_transients
@@ -33,6 +35,7 @@ REPEATS = 6.0  # a period that differs from the others by more than this times t
 LARGEST_DIFFERENCE = 0.1  # of the signal: above it such a period is an error, below it a warning
 LARGEST = 1e100  # of a response or a variance in a file
 OVERLAP = 1 + 2 / 36  # variance of the mean over half overlapping Hann segments, over that of independent ones
+OPTIONAL = ("total", "noise_UU", "noise_YU", "torques", "numbers", "gains")  # arrays of a file
 LEAST_TOTAL = 3  # realizations for a total covariance
 
 
@@ -70,6 +73,12 @@ class Frf(ArrayResult):
         Time derivatives from the signal of each channel to its acceleration.
     noise_UU, noise_YU : arrays (k, lines, n_m or outputs, n_m), or None
         What noise adds to ``U U^H`` and ``Y U^H``; None: not known.
+    torques : complex array (k, realizations, lines, n_m, experiments) or None [N m]
+        Mean spectra of the periods, by which `identify` corrects the responses for large motions; None: no periods.
+    numbers : array of int (lines,) or None
+        Of the lines, as multiples of 1 over the period.
+    gains : array (3, n_m) or None
+        ``position_gain``, ``speed_gain`` and ``integral_gain`` of the drives, see `flexgen.Cascade`; zero: not known.
 
     Examples
     --------
@@ -101,6 +110,9 @@ class Frf(ArrayResult):
     orders: tuple[int, ...] = ()
     noise_UU: np.ndarray | None = None
     noise_YU: np.ndarray | None = None
+    torques: np.ndarray | None = None
+    numbers: np.ndarray | None = None
+    gains: np.ndarray | None = None
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -150,7 +162,7 @@ class Frf(ArrayResult):
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""
         names = ["poses", "w", "G", "UU", "C", "variance", "speed_sd"]
-        names += [name for name in ("total", "noise_UU", "noise_YU") if getattr(self, name) is not None]
+        names += [name for name in OPTIONAL if getattr(self, name) is not None]
         meta = {name: getattr(self, name) for name in ("model", "periods", "experiments", "sample_s", "delay_s")}
         meta |= {name: list(getattr(self, name)) for name in ("motors", "warnings", "sensors", "orders")}
         meta["units"] = {"G": "rad/s^2 / (N m)", "UU": "(N m)^2", "w": "rad/s", "poses": "rad"}
@@ -186,13 +198,15 @@ class Frf(ArrayResult):
             raise ValueError("arrays of different sizes")
         if shapes not in ([None, None], [UU.shape, G.shape]):
             raise ValueError("noise_UU, noise_YU: expected both, of the sizes of UU and G, or none")
+        motion = tuple(arrays.get(name) for name in OPTIONAL[3:])
+        _check_motion(motion, *shape, n)
         counts = int(meta["periods"]), int(meta["experiments"])
         times = float(meta["sample_s"]), float(meta["delay_s"])
         if min(*counts, 1 + min(times)) < 1 or not np.isfinite(times).all():
             raise ValueError("periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0")
         return cls(
             str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
-            *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise,
+            *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders, *noise, *motion,
         )  # fmt: skip
 
 
@@ -261,12 +275,34 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
     hold = plan.hardware.sample_s if experiment.hold == "zoh" else 0.0
     R, E = U.shape[1], U.shape[5]
     total = found.total if R >= LEAST_TOTAL else None
-    known = () if average == "h1" or P == 1 or R > 1 else (spread * found.noise_UU, spread * found.noise_YU)
+    known = average != "h1" and P > 1 and R == 1
+    noises = (spread * found.noise_UU, spread * found.noise_YU) if known else (None, None)
+    motion = (U.mean(axis=2), plan.lines, gains_of(plan.controller)) if experiment.periodic else ()
     return Frf(
         plan.model, plan.motors, plan.poses, w, found.G, found.UU, noise_periods * spread * found.C,
         spread * found.variance, total, P, E * R, hold, plan.hardware.delay_s, experiment.speed_sd, warnings,
-        plan.sensors, _orders(experiment)[n:], *known,
+        plan.sensors, _orders(experiment)[n:], *noises, *motion,
     )  # fmt: skip
+
+
+def gains_of(controller: Cascade) -> np.ndarray:
+    """The gains of the drives as in `Frf`."""
+    return np.array([controller.position_gain, controller.speed_gain, controller.integral_gain])
+
+
+def _check_motion(motion: Sequence[np.ndarray | None], k: int, lines: int, n: int) -> None:
+    """ValueError where ``torques, numbers, gains`` of a file do not fit together; none of them is allowed."""
+    torques, numbers, gains = motion
+    if torques is None or numbers is None or gains is None:
+        if any(x is not None for x in motion):
+            raise ValueError("torques, numbers, gains: expected all of them or none")
+        return
+    if torques.ndim != 5 or numbers.shape != (lines,) or gains.shape != (3, n):
+        raise ValueError("torques, numbers, gains: arrays of different sizes")
+    if torques.shape != (k, torques.shape[1], lines, n, torques.shape[4]) or torques.shape[4] < n:
+        raise ValueError("torques: expected those of each pose, line and motor, in an experiment for each motor")
+    if max(np.abs(x).max() for x in (torques, numbers, gains)) > LARGEST or np.any(np.diff(numbers, prepend=0) <= 0):
+        raise ValueError(f"torques, numbers, gains: expected numbers up to {LARGEST:g}, those of lines rising from 1")
 
 
 def _check(experiment: Experiment, average: str, transients: bool) -> None:

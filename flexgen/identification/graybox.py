@@ -21,6 +21,7 @@ from flexgen.identification.causes.explain import explain
 from flexgen.identification.causes.levels import compare_levels
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
+from flexgen.identification.motion_correction import correct_responses, find_shift, obstacle
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor
 from flexgen.identification.residuals import RESIDUALS, ResidualName, Residuals, over_lines
 from flexgen.identification.result import WEAK, FitStatus, IdentificationResult, with_coulomb
@@ -151,6 +152,13 @@ def _fit(
         for _ in range(AVERAGINGS):
             residuals.average_springs(best.x)
             best = _search(vector, residuals, best.x)
+    measured, unsure = data, 0.0
+    if not obstacle(data):
+        if tell is not None:
+            tell("correction for large motions")
+        data, unsure = correct_responses(residuals, best.x)
+        residuals = residuals.on(data, floor or 0.0)
+        best = _search(vector, residuals, best.x)
     error = floor or 0.0
     if floor is None and best.cost > COST_MOST * degrees:
         error, residuals, best = _with_model_error(vector, data, residuals, best, degrees, tell)
@@ -161,6 +169,9 @@ def _fit(
     status = _status(best, cost, error, data)
     wrong = floor is None and residual == "nls" and status not in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
     covariance = residuals.covariance(best.x, best.A)
+    if unsure:
+        away = unsure * find_shift(residuals, best.x, best.A, measured.G)
+        covariance = covariance + np.outer(away, away)
     return IdentificationResult(
         vector=vector,
         x=best.x,
@@ -173,7 +184,7 @@ def _fit(
         iterations=best.iterations,
         at_bound=tuple(name for name, held in zip(vector.names, best.at_bound, strict=True) if held),
         weak=(*weak_directions(vector, best.A), *_report_hidden(vector, data, best.A, covariance)),
-        data=data,
+        data=measured,
         variance=residuals.variance,
         deflection_sd=residuals.deflection_sd,
         weights=residuals.kind,
@@ -293,6 +304,8 @@ def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
 def _report_hidden(vector: ParameterVector, data: Frf, A: np.ndarray, covariance: np.ndarray) -> tuple[str, ...]:
     """Sentences on a transient, on what noise of torques hides, and on viscous frictions with Coulomb friction."""
     found = [line for line in data.warnings if TRANSIENT in line]
+    if data.speed_sd.any() and (reason := obstacle(data)):
+        found.append(f"the responses are not corrected for large motions: {reason}")
     rows = zip(vector.unknowns, np.diag(np.linalg.pinv(2 * A, hermitian=True)), np.diag(covariance), strict=True)
     if names := [u.name for u, formal, variance in rows if u.scale == "log" and formal < WEAK**2 < variance]:
         why = "noise of the torques causes too much of the motion that shows them; excite with a higher speed"

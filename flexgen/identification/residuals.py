@@ -82,20 +82,31 @@ class Residuals:
 
     def response(self, x: np.ndarray, derivatives: bool = False) -> Response:
         """The model's responses, and their derivatives in x."""
-        named = self.vector.named(x)
-        values = np.array([named[name] for name in self.local.names])
-        if self._rest is None or not np.array_equal(self._rest[0], values):
-            start = None if self._rest is None else self._rest[1].y
-            self._rest = values, self.local.rest(values, self.data.poses, start, self.deflection_sd)
+        values, rest = self.rest(x)
         drive = self.vector.drive_at(x, self.drive)
         found = self.local.response(
             values, self.data.poses, self.data.w, drive, speed_sd=self.data.speed_sd,
-            deflection_sd=self.deflection_sd, derivatives=derivatives, rest=self._rest[1],
+            deflection_sd=self.deflection_sd, derivatives=derivatives, rest=rest,
         )  # fmt: skip
         if not derivatives:
             return found
         assert found.dG is not None
         return Response(found.G, along_x(self.vector, self.local, x, found.G, found.dG, self.data.w))
+
+    def rest(self, x: np.ndarray) -> tuple[np.ndarray, Rest]:
+        """The values of the model's numbers (n_p,), and the poses at rest."""
+        named = self.vector.named(x)
+        values = np.array([named[name] for name in self.local.names])
+        if self._rest is None or not np.array_equal(self._rest[0], values):
+            start = None if self._rest is None else self._rest[1].y
+            self._rest = values, self.local.rest(values, self.data.poses, start, self.deflection_sd)
+        return self._rest
+
+    def against(self, G: np.ndarray) -> Residuals:
+        """The same residuals, with the same weights, against other responses."""
+        out = copy.copy(self)
+        out.data = replace(self.data, G=G)
+        return out
 
     def on(self, data: Frf, floor: float = 0.0, extra: np.ndarray | float = 0.0) -> Residuals:
         """The residuals of the same model against other responses, or with other weights.

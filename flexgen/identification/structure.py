@@ -160,7 +160,8 @@ def _try(model: RobotModel, data: Frf) -> IdentificationResult | None:
 
 
 def _fit(model: RobotModel, data: Frf) -> IdentificationResult:
-    """A fit with the weights of the noise alone, so that costs of different models compare."""
+    """A fit with the weights of the noise alone, not corrected for large motions: costs of different models compare."""
+    data = replace(data, torques=None)
     return identify(model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False)
 
 
