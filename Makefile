@@ -119,8 +119,9 @@ bench: $(VENV)/.test               ## time C and inverse dynamics against others
 	$(BIN)/python benchmarks/inversion.py $(BENCH)
 	$(BIN)/python benchmarks/control.py $(BENCH)
 
-dist: $(VENV)/.test                ## write sdist and wheel to dist/; the same sources give the same bytes
+dist: $(VENV)/.test                ## write sdist, wheel and recipe.yaml for conda to dist/; same sources, same bytes
 	$(BIN)/python .ci/dist.py dist
+	$(BIN)/python .ci/conda.py dist
 
 sbom: $(VENV)/.installed           ## write the bill of materials dist/sbom.cdx.json: what running needs, CycloneDX
 	$(BIN)/python .ci/sbom.py dist/sbom.cdx.json

@@ -20,9 +20,10 @@ SMALL = ["elbow", "planar5_nmp"]
 
 
 @cache
-def merged(name: str, precision: str = "double") -> GeneratedLibrary:
+def merged(name: str, precision: str = "double", build: bool = False) -> GeneratedLibrary:
     """The amalgamated library of a model; not to be changed."""
-    return generate(name, _folder() / f"{name}_merged_{precision}", amalgamate=True, precision=precision)
+    folder = _folder() / f"{name}_merged_{precision}_{build}"
+    return generate(name, folder, amalgamate=True, precision=precision, build=build)
 
 
 def equal(a, b) -> bool:
@@ -50,7 +51,7 @@ def inverted(library: Library, name: str) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("name", SMALL)
 def test_one_file_gives_the_bits_of_many(name):
-    many, one = load(made(name).directory), load(merged(name).directory)
+    many, one = load(made(name).directory), load(merged(name, build=True).directory)
     assert list(one.functions) == list(many.functions) and one.sizes == many.sizes
     x = random_states(read(name), 11)
     x["deflection"] = 1e-3 * np.random.default_rng(2).normal(size=(11, many.sizes["n_g"]))

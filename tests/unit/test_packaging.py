@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import json
 import re
 import subprocess
 import tomllib
 from fnmatch import fnmatch
 from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
 
 import flexgen
 
@@ -98,3 +103,22 @@ def test_help_lists_every_target():
     (targets,) = re.findall(r"^\.PHONY:(.*)$", text, re.MULTILINE)
     out = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert sorted(line.split()[1] for line in out.splitlines() if line.startswith("make ")) == sorted(targets.split())
+
+
+def test_the_recipe_of_the_conda_package_is_that_of_the_sdist(tmp_path):
+    spec = importlib.util.spec_from_file_location("conda", ROOT / ".ci" / "conda.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    with pytest.raises(SystemExit, match=r"0 archives \.tar\.gz, expected one; make dist"):
+        script.write(tmp_path)
+    archive = tmp_path / f"flexgen_robotics-{flexgen.__version__}.tar.gz"
+    archive.write_bytes(b"sources")
+    recipe = json.loads(script.write(tmp_path).read_text(encoding="utf-8"))
+    assert recipe["package"] == {"name": "flexgen-robotics", "version": flexgen.__version__}
+    assert recipe["source"] == {"path": archive.name, "sha256": hashlib.sha256(b"sources").hexdigest()}
+    python, *run = map(Requirement, recipe["requirements"]["run"])
+    assert f"{python.name}{python.specifier}" == f"python{SETTINGS['project']['requires-python']}"
+    assert run == list(map(Requirement, SETTINGS["project"]["dependencies"]))
+    assert recipe["build"]["python"]["entry_points"] == ["flexgen = flexgen.cli.main:main"]
+    for name in recipe["about"]["license_file"]:
+        assert (ROOT / name).is_file()
