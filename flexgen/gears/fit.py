@@ -260,11 +260,11 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         return float(r @ r), J.T @ r, J.T @ J
 
     for close in CLOSE:
-        fit = minimize(sums, cost, theta, theta, free, (lower, upper), distance=close)
+        fit = minimize(sums, cost, theta, theta, free, (lower, upper), distance=close, count=model.measured.size)
         theta = fit.x
         white = Whitening(model.torques([theta], model.motion)[0] - model.measured, model, FLOOR[1])
         dropped = _drop(model, theta, lower, upper)
-        if not dropped and close != CLOSE[0]:
+        if fit.wrong or (not dropped and close != CLOSE[0]):
             break
     for n, draws in enumerate(DRAWS, 1):
         tell(f"subtracting the part of the noise: {n} of {len(DRAWS)}")

@@ -23,6 +23,8 @@ RADIUS, LARGEST_RADIUS = 0.5, 3.0  # of the step in x, mostly logarithms
 ITERATIONS = 100
 # Where to stop: distance to the minimum of the quadratic model over the standard deviation, and size of a step.
 DISTANCE_IN_SD, SMALL_STEP = 1e-3, 1e-9
+# Of a wrong model: mean square of residuals, with 1 for noise; so many steps that gain less than this part.
+WRONG, FEW, LITTLE = 10.0, 10, 0.02
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Fit:
     """Result of a fit.
 
     ``x`` (n,), ``cost``: ||r||^2 without the prior; ``objective``: with it; ``A`` (n, n): Re J^H J without the prior;
-    ``iterations``, ``converged``; ``at_bound`` (n,): parameters that a bound holds.
+    ``iterations``, ``converged``; ``at_bound`` (n,): parameters that a bound holds; ``wrong``: see `minimize`.
     """
 
     x: np.ndarray
@@ -40,6 +42,7 @@ class Fit:
     iterations: int
     converged: bool
     at_bound: np.ndarray
+    wrong: bool = False
 
 
 def minimize(
@@ -51,6 +54,7 @@ def minimize(
     bounds: tuple[np.ndarray, np.ndarray],
     *,
     distance: float = DISTANCE_IN_SD,
+    count: int | None = None,
 ) -> Fit:
     """Minimize the sum of squares.
 
@@ -65,6 +69,9 @@ def minimize(
     bounds : (lower, upper), arrays (n,)
     distance : float
         Stop where the minimum of the quadratic model is nearer than this, in standard deviations.
+    count : int, optional
+        Of the residuals: where their mean square exceeds `WRONG`, and steps gain little, the model is ``wrong``, and
+        the search stops.
     """
     lower, upper = bounds
     weight = prior_sd**-2.0
@@ -74,8 +81,8 @@ def minimize(
     def objective(at: np.ndarray, of: float) -> float:
         return of + float(weight @ (at - center) ** 2)
 
-    radius, total, converged, n = RADIUS, objective(x, value), False, 0
-    held = np.zeros(len(x), bool)
+    radius, total, converged, wrong, n = RADIUS, objective(x, value), False, False, 0
+    held, totals = np.zeros(len(x), bool), [total]
     for n in range(1, ITERATIONS + 1):  # noqa: B007, the number of iterations is a result
         check_time("identify")
         whole, matrix = g + weight * (x - center), A + np.diag(weight)
@@ -110,11 +117,16 @@ def minimize(
         x = there
         value, g, A = sums(x)
         total = objective(x, value)
+        totals.append(total)
+        slow = len(totals) > FEW and total > (1 - LITTLE) * totals[-1 - FEW]
+        wrong = slow and count is not None and value > WRONG * count
+        if wrong:
+            break
         if ratio > 0.75 and size > 0.8 * radius:
             radius = min(2 * radius, LARGEST_RADIUS)
         elif ratio < 0.25:
             radius = size / 2
-    return Fit(x, value, total, A, n, converged, held)
+    return Fit(x, value, total, A, n, converged, held, wrong)
 
 
 def _step(A: np.ndarray, g: np.ndarray, radius: float) -> np.ndarray:

@@ -117,7 +117,7 @@ def test_three_commands_from_two_files_to_torques(tmp_path: Path, monkeypatch: p
     Path("truth.toml").write_text(text, encoding="utf-8")
     truth = str(tmp_path / "truth.toml")
     write_poses(truth, Path("poses.csv"))
-    record = record_in_mujoco(truth, lambda start: with_lost_motion(truth, ARCMIN, start), 30.0, step=5e-4)
+    record = record_in_mujoco(truth, lambda start: with_lost_motion(truth, ARCMIN, start), 16.0, step=5e-4)
     record = motor_record(flexgen.read(truth), record.time, record["q_m"] - RATIO * ZERO, record["tau_m"])
     with_noise(record, 1e-4).save("record.csv")
 

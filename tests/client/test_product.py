@@ -231,7 +231,7 @@ def test_a_run_under_sanitizers_reports_nothing(name, precision, tmp_path):
     flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     has_sanitizer(gcc, flags[0], tmp_path)
     folder = (made(name) if precision == "double" else single(name)).directory
-    program = clients.built(folder, tmp_path, gcc, "-O1", "-g", "-ffp-contract=off", *flags)
+    program = clients.built(folder, tmp_path, gcc, "-O0", "-g", "-ffp-contract=off", *flags)
     checked = clients.answer([str(program)], given(name, folder), tmp_path)
     plain = clients.built(folder, tmp_path / "plain", gcc, "-O2", "-ffp-contract=off")
     assert clients.answer([str(plain)], given(name, folder), tmp_path) == checked
@@ -247,7 +247,7 @@ def test_parameters_are_shared_by_all_points(tmp_path):
     data, results = given("elbow", folder), []
     for k, where in enumerate((folder, plain)):
         program = clients.built(
-            where, tmp_path / str(k), gcc, "-O1", "-ffp-contract=off", "-fsanitize=address,undefined"
+            where, tmp_path / str(k), gcc, "-O0", "-ffp-contract=off", "-fsanitize=address,undefined"
         )
         answer = clients.answer([str(program)], data, tmp_path)
         results.append(clients.results_of(clients.manifest_of(where), answer))
@@ -267,7 +267,7 @@ def test_sanitizers_find_a_planted_overflow(tmp_path):
     short = re.sub(r"(BATCH_WORK) (\d+)", lambda m: f"{m[1]} {int(m[2]) // 8}", text)
     assert short != text
     header.write_text(short)
-    program = clients.built(folder, tmp_path, gcc, "-O1", "-fsanitize=address")
+    program = clients.built(folder, tmp_path, gcc, "-O0", "-fsanitize=address")
     answer = subprocess.run([program], input=given("elbow", folder), capture_output=True, check=False)
     assert answer.returncode != 0 and b"heap-buffer-overflow" in answer.stderr
 
@@ -277,8 +277,8 @@ def test_threads_do_not_disturb_each_other(tmp_path):
     gcc, folder = tool("gcc"), made("elbow").directory
     has_sanitizer(gcc, "-fsanitize=thread", tmp_path)
     data = given("elbow", folder)
-    alone = clients.built(folder, tmp_path / "alone", gcc, "-O1", "-ffp-contract=off")
-    program = clients.built(folder, tmp_path, gcc, "-O1", "-g", "-ffp-contract=off", "-fsanitize=thread", threads=4)
+    alone = clients.built(folder, tmp_path / "alone", gcc, "-O0", "-ffp-contract=off")
+    program = clients.built(folder, tmp_path, gcc, "-O0", "-g", "-ffp-contract=off", "-fsanitize=thread", threads=4)
     assert clients.answer([str(program)], data, tmp_path) == clients.answer([str(alone)], data, tmp_path)
 
 

@@ -77,9 +77,9 @@ def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.full)])
-def test_a_minute_with_noise_gives_the_loop(seed: int) -> None:
-    record = with_noise(hysteretic_record("planar5_nmp", 60.0, seed=1 + seed, step=5e-4), NOISE, seed)
+@pytest.mark.parametrize("seconds", [30.0, pytest.param(60.0, marks=pytest.mark.full)])
+def test_a_record_with_noise_gives_the_loop(seconds: float) -> None:
+    record = with_noise(hysteretic_record("planar5_nmp", seconds, step=5e-4), NOISE)
     check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
 
 

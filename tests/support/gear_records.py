@@ -36,21 +36,25 @@ def record_in_mujoco(
     """
     model = with_friction(flexgen.read(name), "viscous")
     rest = hold_joints(flexgen.derive(model), np.array(model.home))
-    f, rng = np.geomspace(0.1, fastest, lines)[:, None], np.random.default_rng(seed)
-    phase, amplitude = rng.uniform(0, 2 * np.pi, (lines, model.n_g)), size / np.sqrt(lines) / (1 + f / 0.7)
+    frequencies, rng = np.geomspace(0.1, fastest, lines), np.random.default_rng(seed)
+    phases = rng.uniform(0, 2 * np.pi, (lines, model.n_g))
+    amplitudes = size / np.sqrt(lines) / (1 + frequencies / 0.7)
 
-    def reference(t: float) -> tuple[np.ndarray, np.ndarray]:
-        part = min(t / START_S, 1.0)
-        grown, rate = part**3 * (10 - 15 * part + 6 * part**2), 30 * (part * (1 - part)) ** 2 / START_S
-        s = (amplitude * np.sin(2 * np.pi * f * t + phase)).sum(axis=0)
-        ds = (amplitude * 2 * np.pi * f * np.cos(2 * np.pi * f * t + phase)).sum(axis=0)
-        return rest.q_m + model.eta @ (grown * s), model.eta @ (rate * s + grown * ds)
+    t = step / 2 * np.arange(2 * round(seconds / step) + 3)  # also in the middle of a step, for Runge and Kutta
+    part = np.minimum(t / START_S, 1.0)[:, None]
+    grown, rate = part**3 * (10 - 15 * part + 6 * part**2), 30 * (part * (1 - part)) ** 2 / START_S
+    s, ds = (np.zeros((len(t), model.n_g)) for _ in range(2))
+    for f, phase, a in zip(frequencies, phases, amplitudes, strict=True):
+        s += a * np.sin(2 * np.pi * f * t[:, None] + phase)
+        ds += a * 2 * np.pi * f * np.cos(2 * np.pi * f * t[:, None] + phase)
+    r, dr = rest.q_m + (grown * s) @ model.eta.T, (rate * s + grown * ds) @ model.eta.T
 
     def torque(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        r, dr = reference(t)
-        return rest.tau_m + FIRM * k_p * (r - q) + np.sqrt(FIRM) * k_v * (dr - v)
+        k = round(2 * t / step)
+        return rest.tau_m + stiffness * (r[k] - q) + damping * (dr[k] - v)
 
     k_p, k_v = feedback_gains(model)
+    stiffness, damping = FIRM * k_p, np.sqrt(FIRM) * k_v
     law, kept = made(np.linalg.inv(model.eta) @ rest.q_m - rest.q_a[list(model.i_g)])
     plant, rows, every = Plant(name, law, kept, torque, step), [], round(sample / step)
 

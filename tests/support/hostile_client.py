@@ -14,7 +14,7 @@ import numpy as np
 from hostile import ARRAYS, OUTPUTS, STRUCTURES, Call, Target
 from toolchain import CC
 
-SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
+SANITIZE = ["-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 
 NULLS = (*ARRAYS, *OUTPUTS, "work", *STRUCTURES)
 

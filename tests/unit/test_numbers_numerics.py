@@ -259,6 +259,29 @@ def test_the_trust_region_follows_the_curved_valley_and_refuses_bad_steps() -> N
     assert (fit.iterations, len(steps)) == (17, 14)  # measured: the rules of the radius decide these numbers
 
 
+def test_a_search_with_a_wrong_model_stops_where_it_gains_little() -> None:
+    """Rosenbrock's function and a residual that nothing explains; where that is noise, the search goes to its end."""
+
+    def fitted(unexplained: float) -> trust_region.Fit:
+        def residual(x: np.ndarray) -> np.ndarray:
+            return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0], unexplained])
+
+        def sums(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+            r, J = residual(x), np.array([[-20 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
+            return float(r @ r), J.T @ r, J.T @ J
+
+        def cost(x: np.ndarray) -> float:
+            return float(np.sum(residual(x) ** 2))
+
+        bounds, start = (np.full(2, -4.0), np.full(2, 4.0)), np.array([-1.2, 1.0])
+        return minimize(sums, cost, start, np.zeros(2), np.full(2, 1e6), bounds, count=3)
+
+    wrong, right = fitted(100.0), fitted(1.0)
+    assert wrong.wrong and not wrong.converged and wrong.iterations < right.iterations
+    assert right.converged and not right.wrong
+    assert_allclose(right.x, 1.0, atol=1e-5)
+
+
 def test_the_radius_grows_on_a_long_way_and_stays_below_its_limit() -> None:
     sums, cost = linear(np.eye(2), np.array([30.0, 40.0]))
     visited: list[np.ndarray] = []
