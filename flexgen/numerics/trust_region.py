@@ -118,15 +118,18 @@ def minimize(
         value, g, A = sums(x)
         total = objective(x, value)
         totals.append(total)
-        slow = len(totals) > FEW and total > (1 - LITTLE) * totals[-1 - FEW]
-        wrong = slow and count is not None and value > WRONG * count
-        if wrong:
+        if wrong := count is not None and value > WRONG * count and _gains_little(totals):
             break
         if ratio > 0.75 and size > 0.8 * radius:
             radius = min(2 * radius, LARGEST_RADIUS)
         elif ratio < 0.25:
             radius = size / 2
     return Fit(x, value, total, A, n, converged, held, wrong)
+
+
+def _gains_little(totals: list[float]) -> bool:
+    """Whether the last `FEW` steps gained less than the part `LITTLE` of the objective."""
+    return len(totals) > FEW and totals[-1] > (1 - LITTLE) * totals[-1 - FEW]
 
 
 def _step(A: np.ndarray, g: np.ndarray, radius: float) -> np.ndarray:
