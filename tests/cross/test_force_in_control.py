@@ -81,6 +81,7 @@ def test_mujoco_under_the_torques_of_the_loop_moves_as_the_robot_in_it(equations
     assert difference_to_mujoco(flexgen.control(equations, force=force, assumed_force=0.0)) > 0.3
 
 
+@pytest.mark.slow
 def test_the_error_of_a_known_force_is_that_of_the_hold(equations, force, monkeypatch):
     """Of order two in the sample time; both planted errors leave more than a hundred times as much."""
     errors = [flexgen.control(equations, force=force, sample_time=h).tool_error_max_m for h in (2 * SAMPLE, SAMPLE)]

@@ -84,6 +84,7 @@ def test_planted_errors_exceed_the_limits_or_do_not_reach_them(monkeypatch, bug)
     assert abs(use_of_torque(solved_with_force(found().move)) - 1.0) > 0.01
 
 
+@pytest.mark.slow
 def test_the_result_in_the_closed_loop(quick):
     errors = [
         flexgen.control(MODEL, quick.move, force=quick.force, assumed_force=x, torque_limits=False).tool_error_max_m

@@ -40,7 +40,7 @@ def inputs(function, n: int = N) -> list[np.ndarray]:
     return [np.asfortranarray(random.normal(size=(n, *port.shape))) for port in function.inputs]
 
 
-@pytest.mark.parametrize("name", ["inverse_dynamics", "forward_kinematics"])
+@pytest.mark.parametrize("name", [pytest.param("inverse_dynamics", marks=pytest.mark.slow), "forward_kinematics"])
 def test_function_has_the_bits_of_the_library(gpu, name):
     library, on_card = robot("cpu"), robot()
     given = inputs(library.functions[name])

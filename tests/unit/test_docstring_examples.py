@@ -19,6 +19,7 @@ SLOW = set(
     SweepResult TorqueCommand Trajectory TuningResult
     ManyInverter Impedance sense LearningResult identify_gears GearFit ComputedTorque PositionCommands
     check_passivity Passivity LoopShaping identify_servo Trial Score identify Detection ServoFit Comparison
+    Servo ConstantGainObserver
     """.split()
 )
 

@@ -74,6 +74,7 @@ def restated(text: str) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_module_states_a_number_or_the_members_of_an_enum_again():
     modules = [path for path in SOURCE.rglob("*.py") if path not in (ROWS, OWN_NAMES, Path(identity.__file__))]
     again = {str(path.relative_to(SOURCE)): restated(path.read_text(encoding="utf-8")) for path in modules}

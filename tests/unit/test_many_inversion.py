@@ -161,6 +161,7 @@ def test_chunks_are_reduced_as_they_come(flexible: Any) -> None:
         flexible.invert_many(**path(), parameters=values, options=options(reduce=lambda chunk: 1 / 0))
 
 
+@pytest.mark.slow
 def test_a_planted_workspace_that_threads_share_changes_bits(flexible: Any, monkeypatch: Any) -> None:
     library, values = flexgen.load(flexible.directory), drawn(flexible, 400)
     expected = flexible.invert_many(**path(), parameters=values, options=options(workers=1))

@@ -69,6 +69,7 @@ def untouched(files: Iterable[Path]) -> list[str]:
     return sorted(rooms() - set().union(*map(imported_rooms, files)) - {"clib"})  # C, which every emission reads
 
 
+@pytest.mark.slow
 def test_every_room_has_a_quick_test():
     assert {"mechanics", "inversion", "cli", "library"} <= rooms()
     assert untouched(quick_files()) == []

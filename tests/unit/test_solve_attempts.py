@@ -56,6 +56,7 @@ def test_a_finer_mesh_is_tried(equations: Equations, calls) -> None:  # type: ig
     assert solution.details["attempts"] == ["lq, intervals of 0.005 s: lq planted"]
 
 
+@pytest.mark.slow
 def test_further_methods_are_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
     names = calls(lambda name, count: name == "lq")
     solution = flexgen.solve(equations)
