@@ -11,6 +11,7 @@ from collections.abc import Collection, Mapping
 from functools import cache
 from importlib.resources import files
 from operator import eq, gt, ne
+from types import MappingProxyType
 
 from flexgen.codegen.c_text import comment, declaration, macro, size_macro
 from flexgen.codegen.clib_types import CFunction, Enum, Field, Struct
@@ -44,7 +45,7 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
-_PARTS = ("FORCE", "LIMITS", "MEMORY", "POSITION")  # of templates of exports
+_PARTS = ("CURVED", "FORCE", "HYSTERESIS", "HARMONICS", "LIMITS", "LOAD", "LUGRE", "MEMORY", "POSITION")
 _IF = re.compile(r"#if (?:MODEL_)?([A-Z]+)(?: (>|==|!=) (\d+))?\n")
 _COMPARE = {">": gt, "==": eq, "!=": ne}
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
@@ -95,16 +96,23 @@ def resolve(text: str, values: Mapping[str, int]) -> str:
 
 
 def keep_parts(text: str, parts: Collection[str]) -> str:
-    """A template of an export with the sections ``#if MODEL_PART`` of these parts, and what is there instead of others.
-
-    ``FORCE``, ``POSITION``: as in the C of the library; ``LIMITS``: limits of streams; ``MEMORY``: torques with states.
-    """
+    """A fixed text with the sections ``#if MODEL_PART`` of these parts, and what is there instead of the others."""
     return resolve(text, {part: part in parts for part in _PARTS})
 
 
-def render(text: str, name: str, precision: str = "double", values: Mapping[str, int] | None = None) -> str:
-    """A fixed text with the library's name instead of ``model`` and its literals in this precision; see `resolve`."""
-    text = resolve(text, values or {})
+def render(
+    text: str,
+    name: str,
+    precision: str = "double",
+    parts: Collection[str] = (),
+    values: Mapping[str, int] = MappingProxyType({}),
+) -> str:
+    """A fixed text with the library's name instead of ``model``, and its literals in this precision.
+
+    ``parts``: which of the parts of ``flexgen/clib/README.md`` it has; in files of exports also ``LIMITS``: limits of
+    streams, and ``MEMORY``: torques with states. ``values``: of further macros, see `resolve`.
+    """
+    text = resolve(keep_parts(text, parts), values)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
     text = re.sub(r"\bMODEL_", f"{name.upper()}_", text)
     if precision == "double":
@@ -139,7 +147,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     if not spec.inverts or spec.motor_constants is None:
         return {}
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
-    values = {
+    has = {
         "CURVED": is_curved(spec),
         "FORCE": spec.force,
         "HYSTERESIS": count_elements(spec) > 0,
@@ -147,18 +155,20 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         "LOAD": is_loaded(spec),
         "LUGRE": is_bristled(spec),
         "POSITION": has_positions(spec),
+    }
+    values = {
         "NE": spec.sizes["n_e"],
         "POSE": spec.motor_constants.pose,
         "PARAMETERS": len(spec.parameters),
         "GROWS": has_growth(spec),
         "BYTES": 8 if spec.precision == "double" else 4,
     }
-    files = {"hysteresis.h": "HYSTERESIS", "lugre.h": "LUGRE", "servo.h": "POSITION"}
-    texts = {
-        name: render(read_clib()[name], spec.name, spec.precision, values)
-        for name in names
-        if name not in files or values[files[name]]
-    }
+    parts, files = (
+        [part for part in has if has[part]],
+        {"hysteresis.h": "HYSTERESIS", "lugre.h": "LUGRE", "servo.h": "POSITION"},
+    )
+    names = [name for name in names if files.get(name) in (None, *parts)]
+    texts = {name: render(read_clib()[name], spec.name, spec.precision, parts, values) for name in names}
     solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
     texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
     texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)

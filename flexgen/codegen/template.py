@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping
 from importlib.resources import files
 from xml.sax.saxutils import escape
 
-from flexgen.codegen.clib_files import keep_parts, render
+from flexgen.codegen.clib_files import render
 from flexgen.errors import BuildError
 
 _WORD = re.compile(r"@([A-Z][A-Z0-9_]*)@")
@@ -42,7 +42,7 @@ def template(
         Further names of the template, and their replacements. They are found before anything is put in: the library
         may have such a name.
     parts : collection of str
-        As of `flexgen.codegen.clib_files.keep_parts`.
+        As of `flexgen.codegen.clib_files.render`.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def template(
     for k, (own, chosen) in enumerate((names or {}).items()):
         text = text.replace(own, f"@NAME{k}@")
         given[f"NAME{k}"] = chosen
-    return _WORD.sub(lambda found: given[found[1]], render(keep_parts(text, parts), name))
+    return _WORD.sub(lambda found: given[found[1]], render(text, name, parts=parts))
 
 
 def xml_text(text: str) -> str:
