@@ -48,10 +48,11 @@ def _compile(function: ca.Function) -> ca.Function:
 def correct_responses(residuals: Residuals, x: np.ndarray) -> tuple[Frf, float]:
     """The responses of a fit as of small motions, and how unsure their change is: a part of it."""
     data = residuals.data
-    gains, known = data.gains, data.gains is not None and bool(data.gains[1].any())
-    if gains is None or not known:
-        gains = gains_of(default_cascade(residuals.vector.model))
-    return replace(data, G=data.G - _change(residuals, x, gains)), UNSURE[0 if known else 1]
+    known = data.gains is not None and bool(data.gains[1].any())
+    gains = data.gains if known else gains_of(default_cascade(residuals.vector.model))
+    change = _change(residuals, x, np.asarray(gains))
+    noise = None if data.noise_YU is None else data.noise_YU - change @ data.noise_UU
+    return replace(data, G=data.G - change, noise_YU=noise), UNSURE[0 if known else 1]
 
 
 def find_shift(residuals: Residuals, x: np.ndarray, A: np.ndarray, G: np.ndarray) -> np.ndarray:

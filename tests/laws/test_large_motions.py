@@ -135,6 +135,17 @@ def test_responses_that_cannot_be_corrected_have_a_reason(data: flexgen.Frf) -> 
 
 
 @needs_compiler
+def test_noise_is_that_of_the_corrected_responses(data: flexgen.Frf) -> None:
+    """``Y U^H`` changes with ``G U U^H``: planted, only G is corrected."""
+    UU = np.eye(2) * np.ones((*data.G.shape[:2], 1, 1))
+    data = replace(data, noise_UU=UU, noise_YU=data.G @ UU)
+    residuals = Residuals(ParameterVector(flexgen.read("elbow"), default_free(flexgen.read("elbow"))), data)
+    found, _ = correct_responses(residuals, residuals.vector.start)
+    assert found.noise_YU is not None and np.allclose(found.noise_YU, found.G @ UU, rtol=1e-14, atol=0.0)
+    assert not np.allclose(data.G, found.G, rtol=1e-9, atol=0.0)
+
+
+@needs_compiler
 def test_a_file_keeps_what_the_correction_needs(data: flexgen.Frf, tmp_path: Path) -> None:
     """And one whose arrays do not fit together is refused."""
     again = flexgen.Frf.load(data.save(tmp_path / "frf.npz"))
