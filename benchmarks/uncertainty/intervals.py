@@ -7,7 +7,8 @@ from other equations, and takes noise from the record. Run from the repository:
 
     .venv/bin/python benchmarks/uncertainty/intervals.py [--write] [--draws N] [ARM ...]
 
-It prints a row for each fit; `--write` writes the table intervals.md to the folder of this file.
+It prints a row for each fit; `--write` writes the tables intervals.md to the folder of this file: one with little
+motion and much noise, one with the default of the motion and little noise, where large motions show.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ from flexgen.model.elements import (
     RobotModel,
 )
 
-SEED, DRAWS, NORMAL, OFF, SPEED = 4711, 3, 1.96, 0.2, 0.02
+SEED, DRAWS, NORMAL, OFF = 4711, 3, 1.96, 0.2
+SPEEDS = 0.02, 0.05  # rms, rad/s, of the tables; the second is the default of `excite`
+LITTLE = 3e-5, 1e-3  # noise in the second, rad and N m
 AXES = (3, 3, 4, 4, 5, 5, 6, 6)  # of the arms
 HEAD = "arm", "axes", "free", "encoder, rad", "torque, N m", "fitted", "stated", "inside, %", "rms of error / sd"
 
@@ -97,6 +100,7 @@ def measure_arm(arm: int, draws: int, speed: float) -> dict[str, Any]:
     rng = np.random.default_rng([SEED, arm])
     model = random_arm(rng, AXES[arm])
     noise = between(rng, 3e-5, 1e-4), between(rng, 1e-3, 5e-3)
+    noise = noise if speed == SPEEDS[0] else LITTLE
     drives = flexgen.DriveHardware(encoder_noise_rad=noise[0], torque_noise_Nm=noise[1])
     plan = flexgen.excite(model, speed_rms=speed, hardware=drives, progress=False)
     fits, free = [], 0
@@ -125,21 +129,32 @@ def cells(name: str, axes: str, rows: list[dict[str, Any]]) -> list[str]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """The page."""
+    """The lines of all arms of a table."""
     lines = [cells(str(k + 1), str(row["axes"]), [row]) for k, row in enumerate(rows)]
     lines += [cells("all", "3 to 6", rows), cells("6 axes", "6", [row for row in rows if row["axes"] == 6])]
-    text = "\n".join(["| " + " | ".join(x) + " |" for x in (HEAD, ["---"] * len(HEAD), *lines)])
+    return "\n".join(["| " + " | ".join(x) + " |" for x in (HEAD, ["---"] * len(HEAD), *lines)])
+
+
+def page(tables: list[str], draws: int) -> str:
+    """The page."""
     return f"""# True values inside the 95 % intervals of an identification
 
-`intervals.py --write` makes this table. Random arms with elastic gears and links that bend; all springs, dampers and
+`intervals.py --write` makes these tables. Random arms with elastic gears and links that bend; all springs, dampers and
 viscous frictions are fitted (*free*). The true ones differ from the model file by up to {100 * OFF:.0f} %, nothing else
-is wrong. Plan ({SPEED} rad/s rms, else the defaults), experiment, responses and fit are those of `excite`, `measure`,
-`frf` and `identify`; {len(rows[0]["fits"])} experiments for each arm, each with another robot and other noise.
+is wrong. Plan, experiment, responses and fit are those of `excite`, `measure`, `frf` and `identify`, with their
+defaults; {draws} experiments for each arm, each with another robot and other noise.
 *Stated*: intervals, of the parameters of all fits; a fit that is not `fitted` states none, nor does one of a
-parameter that it calls not determined. The plant is the nonlinear
-robot in C.
+parameter that it calls not determined. The plant is the nonlinear robot in C.
 
-{text}
+## Speed {SPEEDS[0]} rad/s rms
+
+{tables[0]}
+
+## Speed {SPEEDS[1]} rad/s rms, the default, with little noise
+
+The noise is so low that the difference of a robot in motion from a linear one is larger; `identify` corrects for it.
+
+{tables[1]}
 """
 
 
@@ -148,13 +163,13 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--draws", type=int, default=DRAWS)
-    parser.add_argument("--speed", type=float, default=SPEED, help="rms, rad/s")
     parser.add_argument("arms", type=int, nargs="*", default=list(range(1, len(AXES) + 1)))
     given = parser.parse_args()
-    page = table([measure_arm(arm - 1, given.draws, given.speed) for arm in given.arms])
-    print(page)
+    arms = [arm - 1 for arm in given.arms]
+    text = page([table([measure_arm(arm, given.draws, speed) for arm in arms]) for speed in SPEEDS], given.draws)
+    print(text)
     if given.write:
-        Path(__file__).with_name("intervals.md").write_text(page, encoding="utf-8")
+        Path(__file__).with_name("intervals.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
