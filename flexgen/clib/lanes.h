@@ -1,4 +1,4 @@
-/* model: macros of a function body for lanes of points, whose entries are n apart; include before <function>_body.h. */
+/* model: macros of a function body for lanes of points, whose entries are n apart; include before its mathematics. */
 #include "model_undefine.h"
 #define T lanes
 #define F(name) name##_v

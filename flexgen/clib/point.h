@@ -1,4 +1,4 @@
-/* model: macros of a function body for one point; include before <function>_body.h. */
+/* model: macros of a function body for one point; include before its mathematics. */
 #define T real
 #define F(name) name##_1
 #define IN(x, i) ((x)[i])
