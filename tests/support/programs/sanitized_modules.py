@@ -19,7 +19,7 @@ import flexgen.library.generate as generate_module
 from flexgen.errors import FlexgenError
 from flexgen.library.compiler import Compiler, find_compiler
 
-SANITIZE = ("-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
+SANITIZE = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 PLANTED = ("sum[j] += w * c->sample_s", "sum[j + 2] += w * c->sample_s")  # writes behind the memory of the cascade
 BAD = [np.nan, np.inf, -1e300, 1e18, 0.0, 1e-300]
 
