@@ -161,10 +161,13 @@ def _fit(
         best = _search(vector, residuals, best.x)
     error = floor or 0.0
     if floor is None and best.cost > COST_MOST * degrees:
+        left = residuals.find_unexplained(best.x)
         error, residuals, best = _with_model_error(vector, data, residuals, best, degrees, tell)
+        error = left if error <= SMALL_ERROR < left else error
     explained = data.total is None and error == 0.0 and COST_LEAST <= best.cost / degrees <= COST_MOST
     if structured and explained and residual == "nls":
-        residuals, best = _with_structure(vector, data, residuals, best, degrees)
+        residuals, best, left = _with_structure(vector, data, residuals, best, degrees)
+        error = left if floor is None and data.noise_UU is not None and left > SMALL_ERROR else error
     cost = best.cost / degrees
     status = _status(best, cost, error, data)
     wrong = floor is None and residual == "nls" and status not in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
@@ -212,17 +215,18 @@ def _check(robot: RobotModel, data: Frf, residual: str, floor: float | None, sta
 
 def _with_structure(
     vector: ParameterVector, data: Frf, residuals: Residuals, best: Fit, degrees: float
-) -> tuple[Residuals, Fit]:
+) -> tuple[Residuals, Fit, float]:
     """The fit with weights from the structure of the noise, or the given one where the data have no such structure.
 
-    A transient or a wrong model breaks the structure: then the weights of single elements are the better ones.
+    A transient or a wrong model breaks the structure: then the weights of single elements are the better ones. The last
+    number is the part of the responses that the structure does not explain.
     """
     polish, fit = Residuals(vector, data, deflection_sd=residuals.deflection_sd), best
     for _ in range(POLISHES):  # the levels of the noise depend on the responses
         polish.use_structure(fit.x)
         fit = _search(vector, polish, fit.x)
-    misfit = polish.misfit(fit.x) * residuals.count / polish.count
-    return (residuals, best) if misfit > COST_MOST * degrees else (polish, replace(fit, cost=misfit))
+    misfit, left = polish.misfit(fit.x) * residuals.count / polish.count, polish.find_unexplained(fit.x)
+    return (residuals, best, left) if misfit > COST_MOST * degrees else (polish, replace(fit, cost=misfit), left)
 
 
 def _search(vector: ParameterVector, residuals: Residuals, start: np.ndarray) -> Fit:

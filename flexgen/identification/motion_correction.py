@@ -18,8 +18,9 @@ from flexgen.analysis.response_outputs import channels
 from flexgen.errors import BuildError
 from flexgen.identification.experiments.plan import default_cascade
 from flexgen.identification.frequency_response import Frf, gains_of
-from flexgen.identification.residuals import Residuals, normal
+from flexgen.identification.residuals import Residuals
 from flexgen.library.casadi_module import in_c
+from flexgen.numerics.trust_region import normal
 
 MANY, MOST_NUMBERS = 300_000, 30_000_000  # in the motions of an experiment: to compile for, and more than minutes allow
 UNSURE = 0.1, 1.0  # standard deviation of a correction, as a part of it: with the gains of the drives, without

@@ -33,7 +33,7 @@ from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
 from flexgen.identification.parameters import ParameterVector
 from flexgen.numerics.noise_structure import fit_levels, regular, structured_covariance
-from flexgen.numerics.trust_region import Sums
+from flexgen.numerics.trust_region import Sums, normal
 
 ResidualName = Literal["nls", "lls"]
 RESIDUALS: tuple[ResidualName, ...] = get_args(ResidualName)
@@ -43,6 +43,7 @@ SMOOTHED = 7  # lines over which a variance from few realizations is averaged
 NOISY = 4.0  # power of noise over that of the spectra, above which a combination of torques has less weight
 EXCESS = 2.0  # measured variance over that of the structure, above which the former is taken
 MOST_BY_NOISE = 0.08  # part of the information of a direction that is noise of the torques, above which it is none
+SURE, SURE_ALONE = 8.0, 30.0  # deviations above the noise; variances of single elements, from few periods, vary more
 UNKNOWN = 1.0  # standard deviation of the logarithm that changes most in such a direction
 
 
@@ -181,6 +182,17 @@ class Residuals:
         """Sum of the squares."""
         return float((np.abs(self.weight(x, False)[0]) ** 2).sum())
 
+    def find_unexplained(self, x: np.ndarray) -> float:
+        """Part of an element of the responses that noise does not explain, of the element with the largest; 0: none.
+
+        Elements one by one, over poses and lines: in most of them noise can hide what is wrong in one.
+        """
+        r, size = (np.abs(self._weigh(Response(G, None))[0]) ** 2 for G in (self.response(x).G, 2 * self.data.G))
+        count = np.full(r.shape[-1], r[..., 0, 0].size) if self._noisy is None else self._noisy[1].sum(axis=(0, 1))
+        total = r.sum(axis=(0, 1))
+        sure = total > count + (SURE_ALONE if self._noisy is None else SURE) * np.sqrt(count)
+        return float(np.sqrt(np.max((total - count) / size.sum(axis=(0, 1)), where=sure, initial=0.0)))
+
     def cost(self, x: np.ndarray) -> float:
         """Sum of the squares, compensated."""
         found = self.response(x)
@@ -243,24 +255,6 @@ class Residuals:
             flat = np.vstack([flat, beside.reshape(-1, J.shape[-1])])
         B = np.real(flat.conj().T @ flat)
         return inverse @ (0.5 * B + prior) @ inverse
-
-
-def as_real(r: np.ndarray, J: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Complex residuals and derivatives (..., n) as real numbers, (2 N,) and (2 N, n)."""
-    assert J is not None
-    flat = J.reshape(-1, J.shape[-1])
-    return stack(r), np.vstack([flat.real, flat.imag])
-
-
-def stack(r: np.ndarray) -> np.ndarray:
-    """Complex numbers as real ones (2 N,)."""
-    return np.concatenate([r.real.ravel(), r.imag.ravel()])
-
-
-def normal(r: np.ndarray, J: np.ndarray | None) -> Sums:
-    """The sums of residuals and their derivatives."""
-    flat, real = as_real(r, J)
-    return float(flat @ flat), real.T @ flat, real.T @ real
 
 
 def covariance_at(data: Frf, G: np.ndarray) -> np.ndarray:

@@ -153,3 +153,21 @@ def _step(A: np.ndarray, g: np.ndarray, radius: float) -> np.ndarray:
         if low == 0.0 and high < 1e-300:
             break
     return vectors @ step
+
+
+def as_real(r: np.ndarray, J: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Complex residuals and derivatives (..., n) as real numbers, (2 N,) and (2 N, n)."""
+    assert J is not None
+    flat = J.reshape(-1, J.shape[-1])
+    return stack(r), np.vstack([flat.real, flat.imag])
+
+
+def stack(r: np.ndarray) -> np.ndarray:
+    """Complex numbers as real ones (2 N,)."""
+    return np.concatenate([r.real.ravel(), r.imag.ravel()])
+
+
+def normal(r: np.ndarray, J: np.ndarray | None) -> Sums:
+    """The sums of residuals and their derivatives."""
+    flat, real = as_real(r, J)
+    return float(flat @ flat), real.T @ flat, real.T @ real

@@ -26,12 +26,12 @@ from flexgen.identification.causes.hypotheses import Change, Changed, Number, ch
 from flexgen.identification.causes.missing_springs import additions, with_sizes
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import ParameterVector
-from flexgen.identification.residuals import Residuals, as_real, normal, stack
+from flexgen.identification.residuals import Residuals
 from flexgen.model.elements import RobotModel
-from flexgen.numerics.trust_region import Fit, minimize
+from flexgen.numerics.trust_region import Fit, as_real, minimize, normal, stack
 
 REFITS = 3  # of the hypotheses with the largest score steps, and as many of gross ones
-LEAST_SHARE = 0.3  # of the misfit that a cause must explain to be named
+LEAST_SHARE = 0.7  # of the misfit that a cause must explain to be named
 EXPLAINED = 0.95  # a gross fault that explains so much is the cause
 ALSO = 0.05  # a cause that explains so much less than the best one is named too
 STEP = 1e-4  # of differences in the logarithm of the factor of a change

@@ -102,8 +102,9 @@ def changes_of(data: Frf) -> Iterator[Changed]:
     whole = np.eye(len(data.outputs)), np.eye(n)
     units = (("degrees, read as radians", np.pi / 180), ("radians, read as degrees", 180 / np.pi))
     for name, factor in units:
-        left = np.diag(np.where(np.arange(len(data.outputs)) < n, factor, 1.0))
-        yield _gross(f"angles in {name},", left, whole[1])
+        for words, these in (("angles", range(n)), *((f"angle of {motor}", [i]) for i, motor in enumerate(motors))):
+            left = np.diag(np.where(np.isin(np.arange(len(data.outputs)), these), factor, 1.0))
+            yield _gross(f"{words} in {name},", left, whole[1])
     for i, motor in enumerate(motors):
         left, right = (np.diag(np.where(np.arange(len(x)) == i, -1.0, 1.0)) for x in whole)
         yield _gross(f"the sign of the angle of {motor}", left, whole[1])
@@ -112,6 +113,7 @@ def changes_of(data: Frf) -> Iterator[Changed]:
         left, right = (np.eye(len(x))[_swap(len(x), i, k)] for x in whole)
         yield _gross(f"exchanged angles of {motors[i]} and {motors[k]}", left, whole[1])
         yield _gross(f"exchanged torques of {motors[i]} and {motors[k]}", whole[0], right)
+        yield _gross(f"exchanged angles and torques of {motors[i]} and {motors[k]}", left, right)
     if data.sample_s > 0:
         yield Changed(lambda x, _: replace(x, sample_s=0.0), lambda _: "torques without hold", gross=True)
 

@@ -167,7 +167,6 @@ def _level(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray
     P, inertia = rows @ (inverse @ B[:, None]) * inward, np.array([m.inertia for m in model.motors])
     linear = Linearization(data.w, at.response(x).G[:, :, :n], L, S, P, stiffness, inertia)
     G = data.G[:, :, :n]
-    inertia = np.array([motor.inertia for motor in model.motors])
     gear = (model.eta.T @ (inward * np.eye(n) - inertia[:, None] * G))[:, :, elastic]  # torque of the gears
     power = np.einsum("klai,klij,klaj->ka", gear, data.UU / data.experiments, gear.conj()).real / 2
     return Level(linear, G, _variance(at)[:, :, :n], rest.y @ deflection.T, np.sqrt(power) / stiffness, data.speed_sd)

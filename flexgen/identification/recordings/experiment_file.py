@@ -156,11 +156,9 @@ def _drive(root: Table, sample_s: float, n: int) -> tuple[DriveHardware, Cascade
         inner = table.table(name)
         if inner is not None:
             filters.append(read(inner, form.typed(**dict.fromkeys(form.names, number(above=0.0))), Context()))
-    noise = [table.number(key, 0.0, least=0.0) for key in NOISES]
-    resolution, encoder, torque = noise
-    return DriveHardware(sample_s, delay, resolution, encoder, torque), Cascade(
-        position, speed, integral, tuple(filters)
-    )
+    resolution, encoder, torque = (table.number(key, 0.0, least=0.0) for key in NOISES)
+    cascade = Cascade(position, speed, integral, tuple(filters))
+    return DriveHardware(sample_s, delay, resolution, encoder, torque), cascade
 
 
 def load_experiment(path: str | Path, progress: Callable[[str], None] | None = None) -> Experiment:

@@ -1,0 +1,67 @@
+"""A fault of one channel is a model error, also where noise hides most of it, or most elements of the responses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identification_cases import another, exact_responses, poses_of, small_plan, without_coulomb
+
+import flexgen
+from flexgen.identification import residuals
+from flexgen.identification.experiments.experiment import Experiment
+from flexgen.identification.local_model import Drive
+from flexgen.identification.result import FitStatus
+
+W = 2 * np.pi * np.geomspace(1.0, 80.0, 30)
+NOISE = np.array([[0.01, 3.0], [3.0, 0.01]])  # of each response, over its size
+DRIVES = flexgen.DriveHardware(encoder_noise_rad=1e-4, torque_noise_Nm=0.02)
+FAULT = 1.01
+DEGREES = 180 / np.pi
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1.0, None),
+        pytest.param(1.1, "angle of m2 9.8 % too large", marks=pytest.mark.slow),
+        (DEGREES, "angle of m2 in degrees, read as radians,"),
+    ],
+)
+def test_where_noise_hides_all_but_one_response_its_fault_counts(factor, words):
+    """The median over all elements of what noise does not explain is zero."""
+    robot, rng = without_coulomb("planar5_nmp"), np.random.default_rng(2)
+    data = exact_responses(another(robot, 1, 0.1), poses_of(robot, 3), W, Drive(5e-4))
+    sd = NOISE * np.abs(data.G)
+    x, y = rng.standard_normal((2, *data.G.shape)) / np.sqrt(2)
+    G = (data.G + sd * (x + 1j * y)) * np.array([[1.0], [factor]])
+    data = replace(data, G=G, variance=(sd * np.array([[1.0], [factor]])) ** 2)
+    found = flexgen.identify(robot, data, starts=1, progress=False)
+    assert found.status == (FitStatus.MODEL_ERROR if words else FitStatus.FITTED)
+    assert any(cause.words.startswith(words) for cause in found.causes) if words else found.causes == ()
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Experiment:
+    robot = without_coulomb("planar5_nmp")
+    plan = small_plan(robot, poses_of(robot, 2), lines=20, period_s=1.0, periods=4, hardware=DRIVES)
+    return flexgen.measure(plan, another(robot, 1, 0.15), seed=1, progress=False)
+
+
+def fitted(experiment: Experiment, factor: float) -> flexgen.IdentificationResult:
+    """The fit where the file has the first torque too large."""
+    data = flexgen.frf(replace(experiment, tau_m=experiment.tau_m * [factor, 1.0], offsets=None, beside=None))
+    return flexgen.identify(without_coulomb("planar5_nmp"), data, starts=1, progress=False)
+
+
+@pytest.mark.slow
+def test_a_fault_that_noise_of_single_elements_covers_is_seen_by_its_structure(experiment, monkeypatch):
+    """Torques 1 % wrong move a stiffness by four standard deviations; planted: nothing is sure enough."""
+    assert fitted(experiment, 1.0).status == FitStatus.FITTED
+    found = fitted(experiment, FAULT)
+    assert found.status == FitStatus.MODEL_ERROR and set(found.sd.values()) == {None}
+    assert found.causes[0].words == "torque of m1 1 % too large in the record"
+    monkeypatch.setattr(residuals, "SURE", 1e9)
+    monkeypatch.setattr(residuals, "SURE_ALONE", 1e9)
+    assert fitted(experiment, FAULT).status == FitStatus.FITTED
