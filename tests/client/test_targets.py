@@ -15,7 +15,7 @@ from toolchain import needs_compiler, tool, wine
 
 import flexgen
 from flexgen.cli.main import main
-from flexgen.library.compiler import find_compiler
+from flexgen.library.compiler import Compiler, find_compiler
 from flexgen.runtime.targets import TARGETS, refuse_other_computer
 
 pytest.importorskip("ziglang", reason="the package ziglang is not installed (extra compiler)")
@@ -23,6 +23,9 @@ SUPPORT = Path(__file__).resolve().parents[1] / "support" / "programs"
 FEW = ("mass_matrix", "inverse_dynamics")
 SEVERAL = (*FEW, "forward_dynamics", "inverse_dynamics_derivatives", "tool_motion")
 slow = pytest.mark.slow
+# What libraries and FMUs call of the runtime of Windows, which the package ziglang compiles for two minutes when it is
+# first linked. Files that are looked at and not run are linked with these; `make test-full` links the real one.
+RUNTIME = "DllMainCRTStartup memcpy memmove memset memcmp strcmp calloc free malloc realloc ceil __fpclassify"
 
 
 def made(target: str, folder: Path, model: str = "elbow", **options) -> Path:
@@ -97,9 +100,35 @@ def test_wine_loads_the_dll_and_that_of_an_fmu(tmp_path):
     assert load(inside, "fmi2Instantiate", "fmi2DoStep", "fmi2GetDerivatives") == "loaded"
 
 
+@pytest.fixture
+def without_runtime(monkeypatch, tmp_path):
+    """Libraries for Windows are linked with functions that do nothing, named in `RUNTIME`."""
+    link_command = Compiler.link_command
+    found = find_compiler(target="x86_64-windows")
+    source, stubs = tmp_path / "stubs.c", tmp_path / "stubs.obj"
+    source.write_text("".join(f"int {name}(void) {{ return 1; }}\n" for name in RUNTIME.split()))
+    words = [*found.command, *found.flags, "-fno-builtin", "-c", str(source), "-o", str(stubs)]
+    subprocess.run(words, check=True, capture_output=True)
+
+    def link(compiler, *words, **options):
+        more = ["-nostdlib", str(stubs)] if compiler.suffix == "dll" else []
+        return [word for word in link_command(compiler, *words, *more, **options) if not (more and word == "-lm")]
+
+    monkeypatch.setattr(Compiler, "link_command", link)
+
+
 @slow
 @pytest.mark.parametrize("target", TARGETS)
-def test_every_target_has_a_static_and_a_shared_library(target, tmp_path):
+def test_every_target_has_a_static_and_a_shared_library(target, without_runtime, tmp_path):
+    check_libraries(target, tmp_path)
+
+
+@pytest.mark.full
+def test_a_library_for_windows_is_linked_with_its_runtime(tmp_path):
+    check_libraries("x86_64-windows", tmp_path)
+
+
+def check_libraries(target, tmp_path):
     written = flexgen.generate("elbow", tmp_path / "made", target=target, functions=FEW)
     manifest = json.loads((written.directory / "manifest.json").read_text("utf-8"))["build"]
     assert manifest["target"] == target
@@ -113,8 +142,16 @@ def test_every_target_has_a_static_and_a_shared_library(target, tmp_path):
 
 
 @slow
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_an_fmu_has_binaries_for_all_platforms(version, tmp_path):
+def test_an_fmu_has_binaries_for_all_platforms(without_runtime, tmp_path):
+    check_platforms("3.0", tmp_path)
+
+
+@pytest.mark.full
+def test_an_fmu_for_windows_is_linked_with_its_runtime(tmp_path):
+    check_platforms("2.0", tmp_path)
+
+
+def check_platforms(version, tmp_path):
     import fmpy
     from fmpy.validation import validate_fmu
 
