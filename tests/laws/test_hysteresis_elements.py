@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hysteretic import ARCMIN, BENT, SLIPS, Element, Elements, hysteretic, joint_stiffness, with_elements
+from hysteretic import ARCMIN, BENT, SLIPS, Element, hysteretic, joint_stiffness, with_elements
 from numpy.testing import assert_allclose
 from scipy.integrate import quad, simpson, solve_ivp
 from scipy.special import hyp2f1
@@ -82,16 +82,12 @@ def test_damped_gears_follow_an_own_integrator(elements: Sequence[Element], damp
     """D p' = tau - K p - sum z and each z' in the form with beta, by a library's integrator."""
     model = elbow(elements, damping)
     K, D, layers = joint_stiffness(model)[:1], damping, gear_layers(model)
-    t, size, own = (
-        np.linspace(0.0, 0.45, 1801),
-        4.0 * sum(x.slip[0] for x in layers),
-        Elements(elements, K, np.zeros(1)),
-    )
+    t, size = np.linspace(0.0, 0.45, 1801), 4.0 * sum(x.slip[0] for x in layers)
     p, z = hysteretic_deflections(flexgen.derive(model), t, samples(t, size))
 
     def rate(at: float, x: np.ndarray) -> np.ndarray:
         r = (float(torque(at, size)) - K[0] * x[0] - x[1:].sum()) / D
-        return np.array([r, *(r * own.slope(x[1:, None], np.array([np.sign(r)])))[:, 0]])
+        return np.array([r, *(r * each.slope(z, np.sign(r), K[0]) for each, z in zip(elements, x[1:], strict=True))])
 
     start, least = np.zeros(1 + len(layers)), np.array([1e-14] + [1e-9] * len(layers))
     found = solve_ivp(rate, (0.0, t[-1]), start, "LSODA", t, rtol=1e-10, atol=least, max_step=1e-4)
@@ -130,14 +126,15 @@ def test_a_cycle_loses_the_area_of_the_loop(elements: Sequence[Element]) -> None
     """Of the fourth one: int z dp, and the area between the branches that an integrator in p gives."""
     model = elbow(elements)
     layers, K = gear_layers(model), joint_stiffness(model)[:1]
-    a, own = 2e-4, Elements(elements, K, np.zeros(1))
+    a = 2e-4
     p = a * np.sin(np.linspace(0.0, 8 * np.pi, 16_001))
     z = torque_along(layers, np.stack([p, 0 * p], axis=1))[:, 0]
     work = sum(simpson(z[k : k + 2001], x=p[k : k + 2001]) for k in (11_000, 13_000))  # from reversal to reversal
 
     def branch(start: np.ndarray, s: float, length: float = 2 * a) -> Any:
         def rate(_: float, x: np.ndarray) -> np.ndarray:
-            return np.append(s * own.slope(x[:-1, None], np.array([s]))[:, 0], s * x[:-1].sum())
+            slopes = [s * each.slope(z, s, K[0]) for each, z in zip(elements, x[:-1], strict=True)]
+            return np.append(slopes, s * x[:-1].sum())
 
         return solve_ivp(rate, (0.0, length), np.append(start, 0.0), "DOP853", rtol=1e-11, atol=1e-9).y[:, -1]
 

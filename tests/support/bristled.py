@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -44,25 +45,40 @@ class Bristles:
     """The LuGre law of motors over the angles that they turn from where each began its step."""
 
     def __init__(self, numbers: dict[str, dict[str, float]], q: np.ndarray) -> None:
-        names = "coulomb", "static", "stribeck_speed", "stiffness", "damping"
-        self.c, self.s, self.vs, self.s0, self.s1 = np.array([[row[k] for row in numbers.values()] for k in names])
-        self.q, self.v, self.z, self.last = q, np.zeros(len(q)), np.zeros(len(q)), np.zeros(len(q))
-
-    def level(self, v: np.ndarray) -> np.ndarray:
-        return np.asarray(self.c + (self.s - self.c) * np.exp(-((v / self.vs) ** 2)))
-
-    def at(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        g = self.level((self.v + v) / 2)
-        end = np.sign(q - self.q) * g / self.s0
-        return end + (self.z - end) * np.exp(-np.abs(q - self.q) * self.s0 / g)
+        self.motors = [_Bristle(row, angle) for row, angle in zip(numbers.values(), q.tolist(), strict=True)]
 
     def torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        z, self.last = self.at(q, v), v.copy()
-        return self.s0 * z + self.s1 * (v - self.s0 * np.abs(v) * z / self.level(v))
+        given = zip(self.motors, q.tolist(), v.tolist(), strict=True)
+        return np.array([motor.torque(angle, speed) for motor, angle, speed in given])
 
     def keep(self, q: np.ndarray) -> None:
+        for motor, angle in zip(self.motors, q.tolist(), strict=True):
+            motor.keep(angle)
+
+
+class _Bristle:
+    """The law of one motor, in numbers: small arrays take three times as long."""
+
+    def __init__(self, row: dict[str, float], q: float) -> None:
+        names = "coulomb", "static", "stribeck_speed", "stiffness", "damping"
+        self.c, self.s, self.vs, self.s0, self.s1 = (row[k] for k in names)
+        self.q, self.v, self.z, self.last = q, 0.0, 0.0, 0.0
+
+    def level(self, v: float) -> float:
+        return self.c + (self.s - self.c) * math.exp(-((v / self.vs) ** 2))
+
+    def at(self, q: float, v: float) -> float:
+        g, moved = self.level((self.v + v) / 2), q - self.q
+        end = math.copysign(g / self.s0, moved)
+        return end + (self.z - end) * math.exp(-abs(moved) * self.s0 / g)
+
+    def torque(self, q: float, v: float) -> float:
+        z, self.last = self.at(q, v), v
+        return self.s0 * z + self.s1 * (v - self.s0 * abs(v) * z / self.level(v))
+
+    def keep(self, q: float) -> None:
         self.z = self.at(q, self.last)
-        self.q, self.v = q.copy(), self.last
+        self.q, self.v = q, self.last
 
 
 def error_in_mujoco(

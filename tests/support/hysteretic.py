@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +37,21 @@ class Element:
     stiffness: float
     exponent: float = 1.0
     gamma: float = 0.0
+
+    def slope(self, z: float, s: float, K: float) -> float:
+        """``dz/dp`` of a gear of stiffness ``K`` that turns in the direction ``s``; see `Elements`."""
+        x = z / (0.5 * self.lost * ARCMIN * K)
+        ahead = self.gamma if s * x > 0 else -self.gamma
+        part = abs(x) ** (self.exponent - 1.0) * x * (1.0 - self.gamma + ahead)
+        return self.stiffness * K * (1.0 - s * part)
+
+    def moved(self, z: float, h: float, K: float) -> float:
+        """The torque after this gear has turned by ``h``."""
+        s = math.copysign(1.0, h)
+        k1 = self.slope(z, s, K)
+        k2 = self.slope(z + h / 2 * k1, s, K)
+        k3 = self.slope(z + h / 2 * k2, s, K)
+        return z + h / 6 * (k1 + 2 * k2 + 2 * k3 + self.slope(z + h * k3, s, K))
 
 
 SLIPS = (Element(0.2, 0.5), Element(0.3, 0.3), Element(0.5, 0.2))  # of one arcmin in all
@@ -92,28 +108,22 @@ class Elements:
     """
 
     def __init__(self, elements: Sequence[Element], K: np.ndarray, p: np.ndarray) -> None:
-        self.elements, self.p, self.z = elements, p, np.zeros((len(elements), len(p)))
-        self.stiffness = np.array([each.stiffness * K for each in elements])
-        self.slip = np.array([0.5 * each.lost * ARCMIN * K for each in elements])
-        self.n, self.gamma = (np.array([[getattr(each, x)] for each in elements]) for x in ("exponent", "gamma"))
+        self.elements, self.K, self.p = elements, K.tolist(), p.tolist()
+        self.z = [[0.0] * len(elements) for _ in K]
 
-    def slope(self, z: np.ndarray, s: np.ndarray) -> np.ndarray:
-        x = z / self.slip
-        part = np.abs(x) ** (self.n - 1.0) * x * (1.0 - self.gamma + self.gamma * np.sign(s * x))
-        return np.asarray(self.stiffness * (1.0 - s * part))
-
-    def each_at(self, p: np.ndarray) -> np.ndarray:
-        z, s, h = self.z, np.sign(p - self.p), p - self.p
-        k1 = self.slope(z, s)
-        k2 = self.slope(z + h / 2 * k1, s)
-        k3 = self.slope(z + h / 2 * k2, s)
-        return np.asarray(z + h / 6 * (k1 + 2 * k2 + 2 * k3 + self.slope(z + h * k3, s)))
+    def each_at(self, p: np.ndarray) -> list[list[float]]:
+        """Torques of the elements of each gear; in numbers, since small arrays take three times as long."""
+        out = []
+        for K, now, before, z in zip(self.K, p.tolist(), self.p, self.z, strict=True):
+            h = now - before
+            out.append([each.moved(x, h, K) for each, x in zip(self.elements, z, strict=True)])
+        return out
 
     def at(self, p: np.ndarray) -> np.ndarray:
-        return np.asarray(self.each_at(p).sum(axis=0))
+        return np.array([sum(gear) for gear in self.each_at(p)])
 
     def keep(self, p: np.ndarray) -> None:
-        self.z, self.p = self.each_at(p), p
+        self.z, self.p = self.each_at(p), p.tolist()
 
 
 Law = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
