@@ -11,8 +11,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from selection import ROOT, SLOW, UNOPTIMIZED, full, slow
+from selection import ROOT, SLOW, full, slow, unoptimized
 from toolchain import CC
+from undrawn import draw_nothing
 
 from flexgen.errors import BuildError
 from flexgen.library.object_cache import cache_folder
@@ -62,12 +63,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Choose the compiler of the test, see `UNOPTIMIZED`; each of the two has its own cache."""
+    """Choose the compiler of the test, see `unoptimized`; each of the two has its own cache."""
     if USERS_CC is not None or CC is None or "FLEXGEN_CACHE" not in os.environ:
         return
     folder = Path(os.environ["FLEXGEN_CACHE"])
     before = folder.name == "unoptimized"
-    if (item.path.relative_to(ROOT / "tests").as_posix() in UNOPTIMIZED) == before:
+    path, case = item.path.relative_to(ROOT / "tests").as_posix(), getattr(item, "callspec", None)
+    if unoptimized(path, getattr(item, "originalname", ""), "" if case is None else case.id) == before:
         return
     if before:
         del os.environ["CC"]
@@ -86,6 +88,12 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures in files are empty frames: a test of the texts of a report takes a fifth of the time."""
+    draw_nothing(monkeypatch.setattr)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -105,6 +105,7 @@ def tool_error(name: str, solution: flexgen.Solution) -> float:
     return tool_error_in_mujoco(name, shifted, law, kept)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_three_commands_from_two_files_to_torques(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)

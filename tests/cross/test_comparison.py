@@ -58,6 +58,7 @@ def test_the_report_of_a_comparison_has_its_table(tmp_path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_report_shows_them_together(compared, tmp_path) -> None:
     equations, solutions = compared
     named = {solution.method: solution for solution in solutions}

@@ -40,17 +40,19 @@ ANY_MODEL = (
     "unit/test_structure.py",
     "unit/test_zero_path.py",
 )
-# Files that compile much C and run it for a short time: without optimization its bits are the same, and these tests
-# take half the time. The others compile as users do.
+# Files, and tests of other files, that compile much C and run it for a short time: without optimization its bits are
+# the same, and these tests take half the time. The others compile as users do.
 UNOPTIMIZED = (
     "client/test_batch_strided.py",
     "client/test_docs.py",
     "client/test_fmu_import.py",
     "client/test_hostile_inversion.py",
     "client/test_inverse_kinematics.py",
+    "client/test_invert_limited.py::test_run_time_parameters_are_those_of_a_library_with_them_baked_in",
     "client/test_path_sampler.py",
     "client/test_stream_constants.py",
     "cross/test_bvp.py",
+    "cross/test_cuda_kernels.py::test_whole_inversions_have_the_bits_of_the_library",
     "cross/test_export_ros2.py",
     "cross/test_force_sensors.py",
     "cross/test_gear_friction_in_c.py",
@@ -64,21 +66,32 @@ UNOPTIMIZED = (
     "cross/test_settled.py",
     "cross/test_transmission_error.py",
     "laws/test_end_of_the_move.py",
+    "laws/test_fmu_memory.py",
     "laws/test_fmu_plant.py",
     "laws/test_fmu_sampled.py",
     "laws/test_generated_robots.py",
     "laws/test_impedance.py",
     "laws/test_learning.py",
+    "laws/test_load_and_collision.py",
+    "laws/test_loop_shaping.py",
     "laws/test_model_laws.py",
     "laws/test_observers.py",
     "laws/test_single_precision.py",
+    "laws/test_solve.py",
     "laws/test_stream.py",
+    "laws/test_stream_moving.py",
+    "order/test_inversion_order.py::test_points_of_a_lower_order_are_seen",
+    "unit/test_cli.py::test_generate_with_options",
     "unit/test_codegen.py",
     "unit/test_held_torques.py",
     "unit/test_inversion_parameters.py",
     "unit/test_many_inversion.py",
+    "unit/test_limits_stream.py::test_bends_that_come_too_soon_are_seen",
     "unit/test_parameters.py",
+    "unit/test_solve_stages.py",
 )
+# Their cases that run C for a long time.
+OPTIMIZED_CASES = {"client/test_docs.py": {"docs/control.md", "flexgen/benchmarks/README.md"}}
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
     "client/test_docs.py": {
@@ -398,7 +411,6 @@ FULL_CASES = {
     "client/test_amalgamation.py": {"planar5_nmp"},
     "cross/test_lugre_in_c.py": {"manutec_r3_18"},
     "cross/test_gear_friction_in_mujoco.py": {"elbow"},
-    "client/test_targets.py": {"2.0"},
     "cross/test_reduced.py": {"joints"},
     "cross/test_inversion_functions.py": {"manutec_r3_30", "manutec_r3_efjm", "kr300_efjm"},
     "laws/test_hysteresis.py": {"sign"},
@@ -409,6 +421,12 @@ OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_
 def full(path: str, words: str) -> bool:
     """Whether a case runs with the full tests only; parameters as of `slow`."""
     return not {words, *re.split(r"[-@]", words)}.isdisjoint(FULL_CASES.get(path, ()))
+
+
+def unoptimized(path: str, name: str, words: str) -> bool:
+    """Whether a test compiles without optimization; ``name``: of its function."""
+    listed = path in UNOPTIMIZED or f"{path}::{name}" in UNOPTIMIZED
+    return listed and words not in OPTIMIZED_CASES.get(path, ())
 
 
 def slow(path: str, words: str) -> bool:

@@ -638,6 +638,7 @@ def test_json_types():
 # --- the main job -----------------------------------------------------------------------------------------------------
 @pytest.mark.slow
 @needs_compiler
+@pytest.mark.usefixtures("undrawn")
 def test_run_and_reports(ask, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, data, _ = ask("run", "planar5_nmp")

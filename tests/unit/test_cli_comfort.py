@@ -123,6 +123,7 @@ def test_a_second_number_after_other_options_is_refused(run):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_several_moves_are_solved(run, tmp_path):
     words = ["solve", "manutec_r3", "--no-verify", "--move", "line", "--move", "joints"]
     status, out, _ = run(*words, "--out", tmp_path / "m.csv", "--report", tmp_path / "r")

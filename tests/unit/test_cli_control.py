@@ -19,6 +19,7 @@ from flexgen.reports.text_tables import number
 pytestmark = needs_compiler
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_control_prints_a_table_and_writes_what_is_asked(tmp_path, capsys):
     words = ["control", "planar5_nmp", "--plant", "soft:stiffness=0.8", "--plant", "payload=2", "--delay", "5e-4"]
     words += ["--disturb", "pulse:tool.x=100@0.2+0.02", "--encoder-noise", "1e-5", "--out", str(tmp_path / "run.csv")]

@@ -58,6 +58,7 @@ def test_a_spring_is_found_and_written(folder, capsys, tmp_path):
 
 
 @pytest.mark.full
+@pytest.mark.usefixtures("undrawn")
 def test_a_second_level_says_whether_the_robot_is_nonlinear(folder, capsys, tmp_path):
     """Coulomb friction of m1 that the model lacks: three times the speed of the experiment, and the experiment."""
     friction = ["--set", "motor.m1.friction.coulomb=0.04", "--set", "motor.m1.friction.beta=20"]
@@ -125,6 +126,7 @@ def test_responses_for_python_control(folder):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_measured_responses_have_a_report(folder, capsys, tmp_path):
     words = ["frf", folder / "data.npz", "--out", tmp_path / "frf.npz", "--report", tmp_path / "report", "-q"]
     assert run(capsys, *words)[0] == 0

@@ -127,6 +127,7 @@ def test_numbers_that_a_variant_sets_are_not_written(tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_sensors_and_transients_from_the_command_line(tmp_path, capsys):
     (tmp_path / "robot.toml").write_text(Path(flexgen.read("planar5_nmp").file).read_text() + SENSOR)
     robot, plan, data, frf = (str(tmp_path / name) for name in ("robot.toml", "plan.npz", "data.npz", "frf.npz"))

@@ -28,6 +28,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["index.html", "robot.svg"])
+@pytest.mark.usefixtures("undrawn")
 def test_files_of_others_are_not_replaced(tmp_path, solved, name):
     (tmp_path / name).write_text("<html>mine</html>\n")
     (tmp_path / "notes.txt").write_text("mine, too\n")
@@ -43,6 +44,7 @@ def test_files_of_others_are_not_replaced(tmp_path, solved, name):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_pictures_of_an_analysis_are_accepted_in_the_folder_of_a_report(tmp_path, solved):
     analysis = flexgen.analyze(solved[0])
     write_analysis(analysis, tmp_path)
@@ -68,6 +70,7 @@ def test_the_folder_is_checked_before_the_work(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_full_disk_leaves_the_old_page(tmp_path, solved, monkeypatch):
     write_report(*solved, tmp_path)
     before = contents(tmp_path)
