@@ -70,7 +70,7 @@ def test_a_robot_whose_output_is_a_pose_passes(tmp_path):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_robot_with_24_coordinates_passes(tmp_path):
     flexgen.export_selftest("manutec_r3_24", tmp_path, motion=False)
     run = program(tmp_path, library_object("manutec_r3_24")[1])

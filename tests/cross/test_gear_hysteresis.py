@@ -35,7 +35,7 @@ def test_mujoco_with_hysteresis_follows_the_path() -> None:
     assert wrong < WRONG * unknown
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_mujoco_of_six_axes_with_hysteresis_follows_the_path() -> None:
     unknown, known, wrong = errors("manutec_r3_18")
     assert known < KNOWN < 3e-4 < unknown
@@ -54,8 +54,11 @@ def test_a_robot_without_hysteresis_does_not_follow_the_torques_for_one() -> Non
     ("name", "elements"),
     [
         ("elbow", BENT),
-        *(pytest.param("planar5_nmp", each, marks=pytest.mark.slow) for each in (SLIPS, BENT)),
-        *(pytest.param("manutec_r3_18", each, marks=pytest.mark.full) for each in (SLIPS, BENT)),
+        *(
+            pytest.param(name, each, marks=pytest.mark.full)
+            for name in ("planar5_nmp", "manutec_r3_18")
+            for each in (SLIPS, BENT)
+        ),
     ],
 )
 def test_mujoco_with_several_elements_follows_the_path(name: str, elements: Sequence[Element]) -> None:

@@ -201,7 +201,7 @@ def test_mujoco_with_the_commands_of_c_follows_the_path(robot: Any, find: Callab
     assert error_in_mujoco(model, found, gains=(GAINS[0], GAINS[1][::-1], GAINS[2])) > 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
     usual = flexgen.command_positions(robot_of("manutec_r3_18"), progress=False)
     gains = [np.asarray(getattr(usual.run.law, x)) for x in ("position_gain", "speed_gain", "integral_gain")]

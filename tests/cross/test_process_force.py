@@ -239,7 +239,7 @@ def test_a_force_that_is_wrong_by_a_fifth_leaves_a_fifth_of_the_error():
     assert alone > 5e-4 and wrong < 0.25 * alone
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_six_axes_within_a_micrometer():
     equations = flexgen.derive("manutec_r3_24")
     force = milling(duration_of(equations))

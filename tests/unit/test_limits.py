@@ -87,7 +87,7 @@ def test_the_modified_path_is_verified() -> None:
     assert solution.tool_error_max_m == pytest.approx(solution.details["deviation_max_m"], rel=1e-2)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @needs_compiler
 def test_all_limits_of_a_six_axis_robot_are_kept_and_verified() -> None:
     """A tenth of each motor torque and 3 % of each motor speed and deflection less than the path needs."""
