@@ -430,6 +430,9 @@ static inline real limit_of(const model_inversion_limits *limits, int kind, int 
 static void choose_kinds(const model_inversion_limits *limits, limited_call *m)
 {
     m->kinds = m->has_motion = 0;
+#if MODEL_LOAD
+    m->has_motion = 1; /* the friction depends on the torques of the gears */
+#endif                 /* MODEL_LOAD */
     for (int i = 0; i < m->all; ++i) {
         int is_needed = limit_of(limits, i, m->edges) < (real)INFINITY;
         m->has_motion |= is_needed && i >= OF_GEAR && i < OF_TOOL;
@@ -598,6 +601,21 @@ static void deviate(const limited_call *m, const model_samples *p, const real *c
     }
 }
 
+#if MODEL_LOAD
+/* Frictions of the motors at the speeds v and the torques of the gears, arm side; 0 where a number is not finite. */
+static int friction_with_load(const real *v, const real *tau_g, real *friction, real *space)
+{
+    real load[NM];
+    for (int j = 0; j < NM; ++j) {
+        load[j] = 0.0;
+        for (int i = 0; i < NG; ++i) {
+            load[j] += eta_inverse[i][j] * tau_g[i];
+        }
+    }
+    return evaluate_loaded_friction(v, load, friction, space) == MODEL_OK;
+}
+
+#endif /* MODEL_LOAD */
 /* The quantities at one sample: motor torques with or without friction, but for their rates, which always have it. */
 static int quantities(const limited_call *m, int sample, int n_pre, int with_friction, real *out, real *space)
 {
@@ -605,9 +623,15 @@ static int quantities(const limited_call *m, int sample, int n_pre, int with_fri
     const real *v = m->v_m + sample * (ptrdiff_t)NM;
     const int on_path = sample - n_pre;
     real friction[NM];
+#if MODEL_LOAD
+    if (!friction_with_load(v, m->tau_g + sample * (ptrdiff_t)NG, friction, space)) {
+        return 0;
+    }
+#else  /* MODEL_LOAD */
     if (evaluate_motor_friction(v, friction, space) != MODEL_OK) {
         return 0;
     }
+#endif /* MODEL_LOAD */
     for (int i = 0; i < NM; ++i) {
         const real torque = m->tau_m[sample * (ptrdiff_t)NM + i];
         out[i] = torque - (with_friction ? 0.0 : friction[i]);
@@ -955,10 +979,17 @@ static int find_secants(const limited_call *m, const real *step, real *secants, 
                 after[motor] += fabs_1(sum) < least_change ? least_change : sum;
             }
         }
+#if MODEL_LOAD
+        const real *tau_g = m->at_node + (ptrdiff_t)node * m->all + OF_GEAR;
+        if (!friction_with_load(v, tau_g, f, space) || !friction_with_load(after, tau_g, f_after, space)) {
+            return 0;
+        }
+#else  /* MODEL_LOAD */
         if (evaluate_motor_friction(v, f, space) != MODEL_OK ||
             evaluate_motor_friction(after, f_after, space) != MODEL_OK) {
             return 0;
         }
+#endif /* MODEL_LOAD */
         for (int i = 0; i < NM; ++i) {
             const real d = after[i] - v[i];
             real secant = 0.0;

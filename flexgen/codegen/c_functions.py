@@ -23,7 +23,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints, loaded_motors
 
 # of gears without hysteresis, motors without Fourier sums of their angle and without friction of state or load
-OF_PLAIN_MOTORS = ("invert_limited", "invert_limited_work", "stream_limits")
+OF_PLAIN_MOTORS = "stream_limits"
 
 _N = "n_pre + n + n_post"
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
@@ -351,7 +351,7 @@ def offered_c_functions(
     if position_obstacle(model) is not None:
         offered = [f for f in offered if f.part != POSITION]
     if hysteretic_joints(model) or has_harmonics(model) or bristled_motors(model) or loaded_motors(model):
-        offered = [f for f in offered if f.name not in OF_PLAIN_MOTORS]
+        offered = [f for f in offered if f.name != OF_PLAIN_MOTORS]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:
         return (*(function for function in offered if not function.parametrized), *kinematic)

@@ -54,13 +54,11 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
 
 def check_applies(method: Method, robot: RobotModel, limits: Limits | None, pushed: bool = False) -> None:
     """ArgumentError where a method cannot keep the limits, take the force or solve the model's motor coupling."""
-    if pushed and (not method.takes_force or limits is not None):
+    if not method.takes_force:
         able = ", ".join(m.name for m in methods().values() if m.takes_force)
-        given = f"with method {method.name!r}" if not method.takes_force else "together with limits"
-        raise ArgumentError(f"force: given {given}, expected one of the methods {able}, without limits")
-    if not method.takes_force or limits is not None:
-        able = ", ".join(m.name for m in methods().values() if m.takes_force)
-        what = "limits" if method.takes_force else f"method {method.name!r} (not one of {able})"
+        if pushed:
+            raise ArgumentError(f"force: given with method {method.name!r}, expected one of the methods {able}")
+        what = f"method {method.name!r} (not one of {able})"
         refuse_hysteresis(robot, what)
         refuse_harmonics(robot, what, load=limits is not None)
     if limits is not None and not method.keeps_limits:

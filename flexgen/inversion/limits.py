@@ -28,12 +28,14 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import from_library
+from flexgen.inversion.sampling import from_library, sample_force
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.limit_use import uses_of_limits
 from flexgen.mechanics.limits import EACH, Limits
+from flexgen.memory.lugre import bristle_torques, motor_bristles
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.runtime.limited_inversion import LimitsInfeasibleError
 from flexgen.runtime.path_inversion import Inversion
 
@@ -83,8 +85,8 @@ class _Bounds:
     def check_equilibrium(self, problem: InversionProblem) -> None:
         """SolverError where the arm cannot be held at an end of the path."""
         model, path = problem.equations.model, problem.path
-        reduction = Reduction(problem.equations)
         for t, guess in ((0.0, path.q_start), (path.duration, None)):
+            reduction = Reduction(problem.at_rest(t))
             if guess is None:
                 ends = np.linspace(0.0, path.duration, 65)
                 guess = reduction.follow(path, ends, reduction.start(path).q_a)[-1]
@@ -126,13 +128,20 @@ def enforce_limits(
     """
     assert problem.limits is not None
     bounds = _Bounds(problem.equations, problem.limits)
-    if bounds.are_kept(problem, unlimited):
+    robot = problem.equations.model
+    memory = bool(hysteretic_joints(robot) or bristled_motors(robot))
+    if not memory and bounds.are_kept(problem, unlimited):
         return from_library(unlimited)
     bounds.check_equilibrium(problem)
     check_time("limits")
     problem.log("limits: finding the smallest path deviation")
     before, found = _modify_path(problem, bounds, unlimited, samples_per_interval, tolerance)
+    if memory and not found.limits_active:
+        return from_library(unlimited)
     result, pose = from_library(found), problem.path.pose
+    if bristled_motors(robot):  # their torques are in those of the library with memory
+        torques = bristle_torques(motor_bristles(robot), result.t, result.motors.v_m, result.motors.a_m)
+        result = replace(result, tau_b=torques)
     meters, angle = found.deviation_m, found.deviation_rad
     size = f"{meters:.3g} m" + (f" and {angle:.3g} rad" if pose else "")
     return replace(
@@ -167,8 +176,8 @@ def _modify_path(
     t = (np.arange(before + round(duration / period) + after + 1) - before) * period
     sample = path.sample(t)
     native = bool(problem.options.get("native", False))
-    solvers = ("invert", "invert_limited")  # the second one calls the first one
-    library = inversion_library(problem.equations, "lq", solvers, native=native, progress=problem.progress)
+    solvers = ("invert", "invert_limited", *(() if problem.force is None else ("force",)))
+    library = inversion_library(problem.equations, "lq", solvers, native=native, memory=True, progress=problem.progress)
     try:
         found = library.invert_limited(
             Reduction(problem.equations).targets(sample),
@@ -177,6 +186,7 @@ def _modify_path(
             period=period,
             q_start=path.q_start,
             **bounds.arguments(problem.equations.model),
+            force=sample_force(problem, t),
             knot_samples=knot_samples,
             n_pre=unlimited.n_pre,
             n_post=unlimited.n_post,

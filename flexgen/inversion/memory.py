@@ -28,7 +28,9 @@ def with_memory(equations: Equations, result: MethodResult) -> MethodResult:
 
 
 def with_lugre(equations: Equations, result: MethodResult) -> MethodResult:
-    """The result with the torques of bristles, which begin at rest with z = 0."""
+    """The result with the torques of bristles, which begin at rest with z = 0; as it is where it has them."""
+    if result.tau_b is not None:
+        return result
     motors = result.motors
     torques = bristle_torques(motor_bristles(equations.model), result.t, motors.v_m, motors.a_m)
     tau_m = motors.tau_m + torques_to_send(equations, motors.q_m, torques)
@@ -42,4 +44,4 @@ def with_hysteresis(equations: Equations, result: MethodResult) -> MethodResult:
     p, z = hysteretic_deflections(equations, result.t, tau_g)
     motion = [result.q[:, i_g] + p, result.v[:, i_g] + time_derivative(p, step)]
     motion.append(result.a[:, i_g] + second_time_derivative(p, step))
-    return replace(result, motors=motors_behind(equations, motion, result.tau_g), tau_h=z)
+    return replace(result, motors=motors_behind(equations, motion, result.tau_g), tau_h=z, tau_b=None)

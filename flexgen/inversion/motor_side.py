@@ -70,7 +70,7 @@ def motors_behind(equations: Equations, theta: Sequence[np.ndarray], tau_g: np.n
 
 def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gear deflections p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
-    from flexgen.inversion.gear_lag import gear_lag
+    from flexgen.numerics.gear_lag import gear_lag
 
     spring = equations.function("gear_law")
     D = gear_damping(equations)

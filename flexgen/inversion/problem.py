@@ -34,6 +34,7 @@ HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
 SPEEDS = 100  # intervals of a path, from which the speeds of the motors are estimated
 PHASE, FINEST = 0.4, 20  # rad: of the fastest harmonic, between samples; parts of the usual interval, at most
+PHASE_WITH_LIMITS = 0.1  # rad: between such samples the torque is a monotone cubic, which errs more at its extrema
 REVERSALS = 8.0  # samples of the torque in the longest interval that resolves a force
 POSES = 5  # along the path, where its zeros are computed
 ACCELERATION = 100.0  # rad/s^2 or m/s^2: scale of accelerations
@@ -174,7 +175,8 @@ class InversionProblem:
         q = poses_along(self.equations, self.path, t)[:, list(robot.i_g)] @ robot.eta.T
         speeds = np.abs(np.diff(q, axis=0)).max(axis=0) / t[1]
         fastest = float((speeds * highest_harmonics(robot)).max())
-        return max(min(longest, PHASE / max(fastest, 1e-9)), longest / FINEST)
+        phase = PHASE if self.limits is None else PHASE_WITH_LIMITS
+        return max(min(longest, phase / max(fastest, 1e-9)), longest / FINEST)
 
     @property
     def sampling(self) -> float:

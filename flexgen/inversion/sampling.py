@@ -71,11 +71,9 @@ def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np
     )  # type: ignore[return-value]
 
 
-def sample_force(problem: InversionProblem, period: float, n: int) -> np.ndarray | None:
-    """Force on the output and two derivatives (n, 3 n_y) at n samples of a path; None where there is none."""
-    if problem.force is None:
-        return None
-    return problem.force.on_output(problem.equations.model, np.arange(n) * period)
+def sample_force(problem: InversionProblem, t: np.ndarray) -> np.ndarray | None:
+    """Force on the output and two derivatives (n, 3 n_y) at instants (n,) [s] of a path; None where there is none."""
+    return None if problem.force is None else problem.force.on_output(problem.equations.model, t)
 
 
 def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResult:

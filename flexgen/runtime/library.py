@@ -136,8 +136,7 @@ class Library:
     @property
     def invert_limited(self) -> LimitedInverter:
         """Inverse dynamics along whole paths within limits; ArgumentError where the library has none."""
-        plain = "gears without hysteresis, motors without Fourier sums of their angle, lugre and friction of the load"
-        found = self._inverter("invert_limited", f"{_INVERTS}, in double precision, {plain}")
+        found = self._inverter("invert_limited", f"{_INVERTS}, in double precision")
         assert isinstance(found, LimitedInverter)
         return found
 

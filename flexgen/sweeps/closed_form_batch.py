@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.gear_lag import Lag, gear_lag
 from flexgen.inversion.methods.closed_form import instants
 from flexgen.inversion.motor_side import INSTANT
 from flexgen.inversion.problem import STEP, gear_settling
@@ -30,6 +29,7 @@ from flexgen.mechanics.statics import gear_damping
 from flexgen.model.elements import Friction, LinearSpring, RobotModel
 from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints
 from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.gear_lag import Lag, gear_lag
 from flexgen.paths.time_laws import TimeLaw
 
 WIDTH = 32  # moves of a batch, at most: their arrays fit into the cache

@@ -142,8 +142,6 @@ def test_libraries_without_it_have_no_trace_of_it() -> None:
 
 def test_limits_are_refused() -> None:
     library, (move, samples) = library_of(robot()), path_of(robot(), 1e-3)
-    with pytest.raises(ArgumentError, match="without invert_limited"):
-        library.invert_limited(*samples, period=1e-3, q_start=move.q_start, torque=[1.0, 1.0])
     stream = library.stream(samples[0][0], move.q_start, period=1e-3, intervals=20)
     with pytest.raises(ArgumentError, match="depends on the load"):
         stream.limit(torque=[1.0, 1.0])

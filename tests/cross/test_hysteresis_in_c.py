@@ -209,8 +209,6 @@ def test_libraries_without_hysteresis_have_no_trace_of_it() -> None:
 
 def test_limits_are_refused() -> None:
     library, (move, samples) = library_of(elbow("undamped")), path_of(elbow("undamped"), 1e-3)
-    with pytest.raises(ArgumentError, match=r"without invert_limited, expected .* gears without hysteresis"):
-        library.invert_limited(*samples, period=1e-3, q_start=move.q_start, torque=[1.0, 1.0])
     stream = library.stream(samples[0][0], move.q_start, period=1e-3, intervals=HORIZON)
     with pytest.raises(ArgumentError, match="stream: given limits, expected none where the model has hysteresis"):
         stream.limit(torque=[1.0, 1.0])

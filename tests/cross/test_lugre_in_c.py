@@ -148,8 +148,6 @@ def test_libraries_without_it_have_no_trace_of_it() -> None:
 
 def _refused(library: Library, model: flexgen.RobotModel) -> None:
     move, samples = path_of(model, 1e-3)
-    with pytest.raises(ArgumentError, match=r"without invert_limited, expected .* lugre"):
-        library.invert_limited(*samples, period=1e-3, q_start=move.q_start, torque=[1.0, 1.0])
     stream = library.stream(samples[0][0], move.q_start, period=1e-3, intervals=20)
     with pytest.raises(
         ArgumentError, match="stream: given limits, expected none where the model has hysteresis, lugre"

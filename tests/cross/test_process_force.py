@@ -10,13 +10,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from clib_planted import plant_in_c
-from process_forces import PLANE, SIZE, duration_of, milling
+from process_forces import PLANE, SIZE, duration_of, error_in_mujoco, milling
 
 import flexgen
 from flexgen.cli.main import main
 from flexgen.codegen import clib_files
 from flexgen.errors import ArgumentError
-from flexgen.exports.mujoco import mjcf
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.inversion.methods import lq
 from flexgen.inversion.problem import InversionProblem
@@ -27,7 +26,7 @@ from flexgen.paths.process_force import make_force
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
-mujoco = pytest.importorskip("mujoco")
+pytest.importorskip("mujoco")
 
 
 def with_force(trajectory: Trajectory, values: np.ndarray, like: Trajectory) -> Trajectory:
@@ -43,41 +42,6 @@ def with_force(trajectory: Trajectory, values: np.ndarray, like: Trajectory) -> 
 
 
 # --- MuJoCo -----------------------------------------------------------------------------------------------------------
-
-
-def error_in_mujoco(equations, path: Trajectory, sign: float = 1.0, step: float | None = None) -> float:
-    """Largest distance [m] of MuJoCo's tool from the path, under the torque and ``sign`` times the force: RK4."""
-    model = equations.model
-    m = mujoco.MjModel.from_xml_string(mjcf(model))
-    d = mujoco.MjData(m)
-    names = [c.name for c in model.coordinates] + [f"rotor.{model.motors[j].name}" for j in model.i_m]
-    at = m.jnt_dofadr[[m.joint(name).id for name in names]]
-    motors, site = [m.actuator(motor.name).id for motor in model.motors], m.site("tool").id
-    body = m.site_bodyid[site]
-    start, end = float(path.time[0]), float(path.time[-1])
-    steps = round((end - start) / (step or m.opt.timestep))
-    m.opt.timestep = h = (end - start) / steps
-    given = path.at(np.linspace(start, end, 2 * steps + 1))
-    torques, forces, i_m = given["tau_m"], sign * given["force"], list(model.i_m)
-
-    def control(m, d):
-        k = min(round((d.time - start) / (h / 2)), 2 * steps)
-        d.ctrl[motors] = torques[k]
-        d.xfrc_applied[body, :3] = forces[k, :3]
-        d.xfrc_applied[body, 3:] = forces[k, 3:] + np.cross(d.site_xpos[site] - d.xipos[body], forces[k, :3])
-
-    d.time = start
-    d.qpos[at] = np.concatenate([path["q_a"][0], path["q_m"][0][i_m]])
-    moved = [d.qpos[at].copy()]
-    mujoco.set_mjcb_control(control)
-    try:
-        for _ in range(steps):
-            mujoco.mj_step(m, d)
-            moved.append(d.qpos[at].copy())
-    finally:
-        mujoco.set_mjcb_control(None)
-    y = evaluate(equations.function("output"), np.array(moved)[:, : model.n_a])[0].reshape(steps + 1, -1)
-    return float(np.linalg.norm(y - given["y_ref"][::2], axis=1).max())
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow"])
@@ -373,6 +337,3 @@ def test_units_time_and_methods_are_checked():
             flexgen.solve("planar5_nmp", force=given, progress=False)
     with pytest.raises(ArgumentError, match="given with method 'full'"):
         flexgen.solve("planar5_nmp", method="full", force=np.zeros((5, 2)), progress=False)
-    limits = flexgen.Limits(torque=(100.0, 100.0))
-    with pytest.raises(ArgumentError, match="together with limits"):
-        flexgen.solve("planar5_nmp", limits=limits, force=np.zeros((5, 2)), progress=False)

@@ -112,13 +112,6 @@ def test_emitted_accelerations_are_the_lagrangians(elbow: tuple[flexgen.RobotMod
         assert np.abs(np.array(b).ravel() - a).max() < 1e-9 * np.abs(np.array(b)).max()
 
 
-@needs_compiler
-def test_limits_of_motors_are_not_offered(elbow: tuple[flexgen.RobotModel, Library]) -> None:
-    _, library = elbow
-    with pytest.raises(flexgen.errors.ArgumentError, match="Fourier"):
-        _ = library.invert_limited
-
-
 def test_libraries_without_the_sums_have_no_trace_of_them() -> None:
     for text in clib_files.read_clib().values():
         plain = clib_files.render(text, "arm")

@@ -185,7 +185,6 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
         "fastest": lambda: flexgen.fastest(model, progress=False),
         "mujoco": lambda: flexgen.export_mujoco(model, tmp_path / "a.xml"),
         "full": lambda: flexgen.solve(model, method="full", progress=False),
-        "limits": lambda: flexgen.solve(model, limits=flexgen.Limits(torque=(1.0,)), method="lq", progress=False),
         "study": lambda: flexgen.feedback_study(model),
     }
     for name, call in calls.items():

@@ -1,10 +1,13 @@
-"""Forces of a cutter on the tool, as functions of time."""
+"""Forces of a cutter on the tool, as functions of time, and MuJoCo with a force on the tool."""
 
 from __future__ import annotations
 
 import numpy as np
 
 import flexgen
+from flexgen.exports.mujoco import mjcf
+from flexgen.numerics.evaluate import evaluate
+from flexgen.trajectory import Trajectory
 
 HZ, SIZE = 40.0, 300.0  # of a cutter with four flutes at 600 1/min, N
 PLANE, SPACE = np.array([0.6, 0.8]), np.array([0.6, 0.48, 0.64])
@@ -23,3 +26,40 @@ def milling(duration: float, direction: np.ndarray = SPACE, size: float = SIZE, 
 
 def duration_of(equations) -> float:
     return flexgen.plan(equations).duration
+
+
+def error_in_mujoco(equations, path: Trajectory, sign: float = 1.0, step: float | None = None) -> float:
+    """Largest distance [m] of MuJoCo's tool from the path, under the torque and ``sign`` times the force: RK4."""
+    import mujoco
+
+    model = equations.model
+    m = mujoco.MjModel.from_xml_string(mjcf(model))
+    d = mujoco.MjData(m)
+    names = [c.name for c in model.coordinates] + [f"rotor.{model.motors[j].name}" for j in model.i_m]
+    at = m.jnt_dofadr[[m.joint(name).id for name in names]]
+    motors, site = [m.actuator(motor.name).id for motor in model.motors], m.site("tool").id
+    body = m.site_bodyid[site]
+    start, end = float(path.time[0]), float(path.time[-1])
+    steps = round((end - start) / (step or m.opt.timestep))
+    m.opt.timestep = h = (end - start) / steps
+    given = path.at(np.linspace(start, end, 2 * steps + 1))
+    torques, forces, i_m = given["tau_m"], sign * given["force"], list(model.i_m)
+
+    def control(m, d):
+        k = min(round((d.time - start) / (h / 2)), 2 * steps)
+        d.ctrl[motors] = torques[k]
+        d.xfrc_applied[body, :3] = forces[k, :3]
+        d.xfrc_applied[body, 3:] = forces[k, 3:] + np.cross(d.site_xpos[site] - d.xipos[body], forces[k, :3])
+
+    d.time = start
+    d.qpos[at] = np.concatenate([path["q_a"][0], path["q_m"][0][i_m]])
+    moved = [d.qpos[at].copy()]
+    mujoco.set_mjcb_control(control)
+    try:
+        for _ in range(steps):
+            mujoco.mj_step(m, d)
+            moved.append(d.qpos[at].copy())
+    finally:
+        mujoco.set_mjcb_control(None)
+    y = evaluate(equations.function("output"), np.array(moved)[:, : model.n_a])[0].reshape(steps + 1, -1)
+    return float(np.linalg.norm(y - given["y_ref"][::2], axis=1).max())

@@ -60,6 +60,7 @@ UNOPTIMIZED = (
     "cross/test_inversion_accuracy.py",
     "cross/test_inversion_functions.py",
     "cross/test_jax.py",
+    "cross/test_limits_on_real_drives.py",
     "cross/test_lugre_in_c.py",
     "cross/test_position_commands_in_c.py",
     "cross/test_process_force.py",

@@ -16,10 +16,10 @@ import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion import problem as problems
 from flexgen.inversion import sampling
-from flexgen.inversion.gear_lag import gear_lag
 from flexgen.inversion.methods import baselines
 from flexgen.inversion.motor_side import _hermite, _integrate_deflections, deflections, gear_torques, motor_motion
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.numerics.gear_lag import gear_lag
 
 TORQUE = Polynomial([3.0, -40.0, 500.0, -2e3, 3e3, 7e3])  # over seconds
 

@@ -12,11 +12,11 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.gear_lag import gear_lag
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.force_laws import friction_torque
 from flexgen.model.elements import NO_FRICTION, Friction, Move, RobotModel
 from flexgen.model.reader import read
+from flexgen.numerics.gear_lag import gear_lag
 from flexgen.paths.time_laws import TimeLaw
 from flexgen.sweeps import batches, closed_form_batch
 from flexgen.sweeps.cases import Grid, random_moves

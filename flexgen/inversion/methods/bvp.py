@@ -22,6 +22,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.lq import LONGEST
@@ -58,7 +60,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         n_post=n_post,
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
-        force=sample_force(problem, period, n),
+        force=sample_force(problem, np.arange(n) * period),
     )
     solved = from_library(*trim_after_settling(problem, found))
     start, end = found.unstable_zeros_start, found.unstable_zeros_end

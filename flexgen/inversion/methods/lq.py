@@ -15,6 +15,8 @@ Model Predictive Control, 2017, sec. 8.8 (Riccati recursion of Gauss-Newton step
 
 from __future__ import annotations
 
+import numpy as np
+
 from flexgen.inversion.limits import enforce_limits
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.model_library import inversion_library
@@ -51,7 +53,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
         settled=SETTLED * problem.accuracy,
-        force=sample_force(problem, period, n),
+        force=sample_force(problem, np.arange(n) * period),
     )
     found, warnings = trim_after_settling(problem, found)
     if problem.limits is not None:
