@@ -60,7 +60,7 @@ def refuse_load(model: Any, what: str) -> None:
         raise ArgumentError(
             f"{what}: given {model.title}, whose motor {names[0]} has a friction that depends on the torque of its "
             "gear, expected motors without it, which only solve (within limits by lq), simulate, "
-            "control, learn, predict, plan_problem, command_positions and generate take into account; set "
+            "control, learn, predict, fastest, plan_problem, command_positions and generate take into account; set "
             "load_coulomb, load_stribeck and load_smoothing of its friction to 0"
         )
 
@@ -70,7 +70,7 @@ def refuse_lugre(model: Any, what: str) -> None:
     if names := bristled_motors(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose motor {names[0]} has lugre, expected motors without it, which only "
-            "solve, simulate, control, learn, predict, command_positions, generate and exports other "
+            "solve, simulate, control, learn, predict, fastest, command_positions, generate and exports other "
             "than that of MuJoCo take into account; remove the table lugre"
         )
 
@@ -81,8 +81,8 @@ def refuse_hysteresis(model: Any, what: str) -> None:
     if names := hysteretic_joints(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
-            "only solve, simulate, control, learn, predict, command_positions, generate, identify_gears and exports "
-            "other than that of MuJoCo take into account; remove the table hysteresis of the gear from the model file"
+            "only solve, simulate, control, learn, predict, fastest, command_positions, generate, identify_gears and "
+            "exports other than that of MuJoCo take into account; remove the table hysteresis of the gear from the model file"
         )
 
 
@@ -110,6 +110,6 @@ def refuse_harmonics(model: Any, what: str, *, load: bool = True) -> None:
     if found := has_harmonics(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose {found}, expected gears and motors without transmission_error, "
-            "cogging and torque_ripple, which only solve, simulate, control, predict and generate take into "
+            "cogging and torque_ripple, which only solve, simulate, control, predict, fastest and generate take into "
             "account; remove these tables from the model file"
         )

@@ -90,6 +90,7 @@ class ProgramSearch:
         self.model, self.n = path.equations.model, coefficients
         self.connecting = Limits(**{name: getattr(limits, name) for name in CONNECTING})
         self.single = limits.without(*CONNECTING)
+        self._motions = len(path.segments)
         self.legs = [
             TimeSearch(
                 leg, default, self.single, None, coefficients, partial(self._tell_of, k), speeds, of_motion(force, k)
@@ -101,7 +102,7 @@ class ProgramSearch:
         self.programs = 0
 
     def _tell_of(self, k: int, line: str) -> None:
-        self.tell(f"motion {k + 1} of {len(self.legs)}: {line}")
+        self.tell(f"motion {k + 1} of {self._motions}: {line}")
 
     @property
     def inversions(self) -> int:
@@ -288,6 +289,10 @@ class ProgramSearch:
             out.append(max(parts) - 1.0)
         return out
 
+    def slower(self, x: list[np.ndarray], excess: float) -> list[np.ndarray]:
+        """All time laws slowed down by a part of an excess of the limits."""
+        return [leg.slower(part, excess) for leg, part in zip(self.legs, x, strict=True)]
+
     def _slow_down(self, x: list[np.ndarray]) -> list[np.ndarray]:
         """The time laws slowed down where a limit is exceeded along the whole program."""
         worst = np.inf
@@ -302,7 +307,8 @@ class ProgramSearch:
                 return x
             self.tell(f"{self.duration(x):.4f} s, limits of the whole program exceeded by {worst:.1e}")
             over = [max(whole, own) - WITHIN for own in each]
-            x = [_slower(part, 1 + max(0.3 * e, 1e-4)) if e > 0 else part for part, e in zip(x, over, strict=True)]
+            parts = zip(self.legs, x, over, strict=True)
+            x = [leg.slower(part, e) if e > 0 else part for leg, part, e in parts]
         raise SolverError(
             "fastest: the limits cannot be kept in this program at any speed; increase them: it needs "
             f"{1 + worst:.3g} of a limit"

@@ -13,6 +13,7 @@ from flexgen.loop.closed_loop import TOOL, ClosedLoop
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import PPI
 from flexgen.loop.hardware import DriveHardware
+from flexgen.loop.hysteresis import hysteretic_robots, largest_rate, split_plants, without_states
 from flexgen.loop.plants import LocalDynamics, plants_of
 from flexgen.loop.reference import hold_torques, time_grid
 from flexgen.mechanics.equations import Equations, derive
@@ -24,6 +25,7 @@ from flexgen.trajectory import Trajectory
 SAMPLE_S = 1e-3
 BEFORE_S, WINDOW_S = 0.05, 0.4  # at rest before the motion; after the path
 STRIDE = 2  # samples between two values
+POINT = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 PLANTS = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
 
 
@@ -40,11 +42,14 @@ class ResidualVibration:
 
     def __init__(self, equations: Equations, tell: Callable[[str], None], pushed: bool = False) -> None:
         self.equations, self.model = equations, equations.model
-        self.plants = plants_of(self.model, PLANTS)
-        names = tuple(p.name for p in self.plants.parameters)
+        self.plants, laws = split_plants(self.model, plants_of(self.model, PLANTS))
+        elastic, names = without_states(self.model), tuple(p.name for p in self.plants.parameters)
         functions = ("forward_dynamics", TOOL_FORCE) if pushed else ("forward_dynamics",)
-        self._library = library_with(self.model, functions, parameters=names, per_point=True, progress=tell)
-        self._local = LocalDynamics(derive(self.model, names))
+        self._library = library_with(elastic, functions, parameters=names, per_point=True, progress=tell)
+        self._local, self._laws, self._robots = LocalDynamics(derive(elastic, names)), laws, None
+        if laws:
+            moved = self._local.equations.pushed if pushed else self._local.equations
+            self._robots = hysteretic_robots(moved, self.plants.values, laws, tell)
         self._rows = columns_in(self.model, unit_of(self.model))
         self._law: Cascade | None = None
         self._rate = 0.0
@@ -62,11 +67,16 @@ class ResidualVibration:
             motion = (m["q_a"][:1], still_a, still_a, m["q_m"][:1], still_m, still_m, m["tau_m"][:1])
             self._law = PPI().cascade(model, SAMPLE_S, motion)
             self._rate = 1.2 * max(self._local.largest_rate(motion, values) for values in self.plants.values)
+        rate = self._rate
+        if self._laws:
+            points = tuple(m[name][:1] for name in POINT)
+            pairs = zip(self.plants.values, self._laws, strict=True)
+            rate = max(rate, *(1.2 * largest_rate(self._local, points, m, values, law) for values, law in pairs))
         rests = self._local.under(force, time[0]).rests(m, self.plants.values)
         q_a, tau = (np.array(x) for x in zip(*rests, strict=True))
         loop = ClosedLoop(
-            model, self._library, DriveHardware(SAMPLE_S), self._law, q_a, np.tile(m["q_m"][0], (lanes, 1)), self._rate,
-            parameters=self.plants.values,
+            model, self._library, DriveHardware(SAMPLE_S), self._law, q_a, np.tile(m["q_m"][0], (lanes, 1)), rate,
+            parameters=self._robots or self.plants.values,
         )  # fmt: skip
         loop.hold(tau)
         rows = np.hstack([m["q_m"], held])

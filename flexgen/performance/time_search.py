@@ -21,6 +21,7 @@ from flexgen.loop.reference import trajectory_of
 from flexgen.mechanics.limit_use import ToolMotion, limit_rows, norms, tool_motion
 from flexgen.mechanics.limits import Limits
 from flexgen.model.elements import Move
+from flexgen.model.friction import has_harmonics
 from flexgen.paths.path import Path
 from flexgen.paths.place_force import in_time
 from flexgen.paths.process_force import ProcessForce, make_force
@@ -69,12 +70,16 @@ class TimeSearch:
                 f"move {default.move.name}: given a sampled move, expected a line, arc, joint or program"
             )
         self.limits = limits
-        self.library = inversion_library(equations, "lq", () if force is None else ("invert", "force"), progress=tell)
+        solvers = () if force is None else ("invert", "force")
+        self.library = inversion_library(equations, "lq", solvers, memory=True, progress=tell)
         self.force = force
         resolving = np.inf if force is None else in_time(force, path).resolving / path.duration
         self.samples, self._resolving = max(SAMPLES, int(np.ceil(PER_INTERVAL / resolving))), resolving
         self._reduction = Reduction(equations)
-        before, after = InversionProblem(equations, path).windows
+        problem = InversionProblem(equations, path)
+        if has_harmonics(model):
+            self.samples = max(self.samples, int(np.ceil(path.duration / problem.step)))
+        before, after = problem.windows
         self._before, self._after = before, min(after, AFTER_S)
         self.speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
         self.swings = vibration
@@ -241,11 +246,15 @@ class TimeSearch:
                 break
             if excess <= KEPT:
                 return x
-            x = np.concatenate([[x[0] * (1 + max(0.3 * excess, 1e-4))], x[1:]])
+            x = self.slower(x, excess)
         raise SolverError(
             "fastest: the limits cannot be kept on this path at any speed; increase them: holding the robot needs "
             f"{1 + excess:.3g} of a limit"
         )
+
+    def slower(self, x: np.ndarray, excess: float) -> np.ndarray:
+        """The time law slowed down by a part of an excess of the limits."""
+        return np.concatenate([[x[0] * (1 + max(0.3 * excess, 1e-4))], x[1:]])
 
     def calm(self, x: np.ndarray, history: list[float]) -> np.ndarray:
         """From the fastest time law to longer ones with the least vibration, until it is small enough."""

@@ -20,6 +20,7 @@ from flexgen.errors import SolverError
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.inversion import limits
 from flexgen.numerics.evaluate import evaluate
+from flexgen.performance import minimum_time, time_search
 from flexgen.trajectory import Trajectory
 
 pytest.importorskip("mujoco")
@@ -111,3 +112,37 @@ def test_limits_under_a_force(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "sample_force", lambda problem, t: None)
     with pytest.raises(SolverError, match="does not satisfy the equations of motion"):
         flexgen.solve(robot, force=force, limits=bounds, verify=False, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("hysteresis", "planar5_nmp"),
+        *(pytest.param(kind, "planar5_nmp", marks=pytest.mark.full) for kind in ("lugre", "load", "harmonics")),
+    ],
+)
+def test_the_fastest_motion_keeps_the_limits_and_mujoco_follows_it(
+    kind: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Planted: the search with torques without memory exceeds them."""
+    one, made = drive(kind, name), time_search.inversion_library
+    quick = flexgen.fastest(one.robot, coefficients=4, progress=False)
+    assert quick.solution.status == "solved" and quick.duration_s < 0.9 * quick.default_s
+    assert 1 - 5e-3 < use(quick.solution, quick.limits) < 1 + 5e-4
+    assert one.error(quick.solution.trajectory) < KNOWN
+    if kind in ("hysteresis", "lugre"):
+        monkeypatch.setattr(time_search, "inversion_library", lambda *x, memory, **more: made(*x, **more))
+        monkeypatch.setattr(minimum_time, "hysteretic_joints", lambda robot: [])
+        wrong = flexgen.fastest(one.robot, coefficients=4, progress=False)
+        assert use(wrong.solution, wrong.limits) > 1 + 1e-2
+
+
+def test_a_program_of_gears_with_hysteresis_keeps_the_limits() -> None:
+    """The memory lasts from one motion of the program to the next."""
+    robot = hysteretic.hysteretic("planar5_nmp")
+    steps = (flexgen.MoveL((-0.12, 0.0, 0.0), pause=0.1), flexgen.MoveL((0.0, 0.12, 0.0)))
+    tool, joints = (0.4, 2.0, 30.0, 600.0), (1.0, 5.0, 60.0, 900.0)
+    program = flexgen.Program("two", start=(0.3, -1.1), smoothness=5, steps=steps, profile=tool, joint_profile=joints)
+    quick = flexgen.fastest(robot, program, coefficients=4, progress=False)
+    assert quick.solution.status == "solved" and quick.duration_s < quick.default_s
+    assert use(quick.solution, quick.limits) < 1 + 5e-4

@@ -208,7 +208,6 @@ def test_viscous_friction_alone_is_that_of_the_temperature() -> None:
     "call",
     [
         lambda robot: flexgen.solve(robot, limits=flexgen.Limits(torque=(90.0, 90.0)), method="full"),
-        lambda robot: flexgen.fastest(robot),
         lambda robot: flexgen.derive(robot).function("motor_friction"),
         lambda robot: flexgen.generate(robot, functions=["motor_friction"]),
         lambda robot: flexgen.export_mujoco(robot, "never.xml", friction="viscous"),

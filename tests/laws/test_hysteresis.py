@@ -182,7 +182,6 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
     model = elbow()
     told = "whose gear of q1 has hysteresis, expected gears without it"
     calls = {
-        "fastest": lambda: flexgen.fastest(model, progress=False),
         "mujoco": lambda: flexgen.export_mujoco(model, tmp_path / "a.xml"),
         "full": lambda: flexgen.solve(model, method="full", progress=False),
         "study": lambda: flexgen.feedback_study(model),

@@ -182,7 +182,6 @@ def test_motions_that_are_not_finite_are_an_error() -> None:
 def test_what_does_not_take_the_friction_refuses_it(tmp_path) -> None:
     model = bristled("elbow", TABLES)
     calls = {
-        "fastest": lambda: flexgen.fastest(model, progress=False),
         "mujoco": lambda: flexgen.export_mujoco(model, tmp_path / "a.xml"),
         "full": lambda: flexgen.solve(model, method="full", progress=False),
         "study": lambda: flexgen.feedback_study(model),

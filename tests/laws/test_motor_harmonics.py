@@ -269,7 +269,6 @@ def test_what_does_not_know_the_sums_refuses_them() -> None:
     model = harmonic("elbow")
     for call in (
         lambda: flexgen.solve(model, method="full"),
-        lambda: flexgen.fastest(model),
         lambda: flexgen.plan_problem(model),
         lambda: flexgen.export_mujoco(model, "elbow.xml"),
         lambda: flexgen.CollisionDetector(model, 1e-3),
