@@ -59,9 +59,9 @@ def refuse_load(model: Any, what: str) -> None:
     if names := loaded_motors(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose motor {names[0]} has a friction that depends on the torque of its "
-            "gear, expected motors without it, which only solve (within limits by lq), simulate, "
-            "control, learn, predict, fastest, plan_problem, command_positions and generate take into account; set "
-            "load_coulomb, load_stribeck and load_smoothing of its friction to 0"
+            "gear, expected motors without it, which only solve (within limits by lq), simulate, control, learn, "
+            "predict, fastest, plan_problem, command_positions, generate and exports other than that of MuJoCo take "
+            "into account; set load_coulomb, load_stribeck and load_smoothing of its friction to 0"
         )
 
 
@@ -82,7 +82,8 @@ def refuse_hysteresis(model: Any, what: str) -> None:
         raise ArgumentError(
             f"{what}: given {model.title}, whose gear of {names[0]} has hysteresis, expected gears without it, which "
             "only solve, simulate, control, learn, predict, fastest, command_positions, generate, identify_gears and "
-            "exports other than that of MuJoCo take into account; remove the table hysteresis of the gear from the model file"
+            "exports other than that of MuJoCo take into account; remove the table hysteresis of the gear from the "
+            "model file"
         )
 
 

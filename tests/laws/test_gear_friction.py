@@ -211,7 +211,6 @@ def test_viscous_friction_alone_is_that_of_the_temperature() -> None:
         lambda robot: flexgen.derive(robot).function("motor_friction"),
         lambda robot: flexgen.generate(robot, functions=["motor_friction"]),
         lambda robot: flexgen.export_mujoco(robot, "never.xml", friction="viscous"),
-        lambda robot: flexgen.export_ros2(robot, "never"),
         lambda robot: flexgen.excite(robot),
         lambda robot: flexgen.feedback_study(robot),
         lambda robot: flexgen.CollisionDetector(robot, 1e-3),
@@ -221,6 +220,12 @@ def test_what_does_not_know_it_refuses_it(call: Any, tmp_path: Any, monkeypatch:
     monkeypatch.chdir(tmp_path)
     with pytest.raises((ArgumentError, BuildError), match=r"friction|load"):
         call(loaded("elbow"))
+
+
+def test_the_ros_2_plugin_refuses_the_friction_of_velocities_alone(tmp_path: Any) -> None:
+    flexgen.export_ros2(loaded("elbow"), tmp_path, controller=False)
+    text = (tmp_path / "src" / "inverse_dynamics.cpp").read_text(encoding="ascii")
+    assert "motor m1 has a friction that depends on the torque of its gear" in text and "motor_friction" not in text
 
 
 def test_a_description_has_table_and_temperature() -> None:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from bristled import NUMBERS
 from exports import PLAIN, folder
+from gear_friction import NUMBERS as LOADED
 from toolchain import tool
 
 import flexgen
@@ -34,9 +35,11 @@ SAME, WRONG = {"spline": 1e-6, "zoh": 3e-5}, 1e-3
 
 @cache
 def remembering() -> flexgen.RobotModel:
-    """The model elbow with two elements of hysteresis in each gear and bristles in each motor."""
-    gears: dict[str, object] = {f"{gear}.hysteresis": SLIPPING for gear in GEARS.values()}
-    return flexgen.read(NAME, overrides=gears | {f"motor.{motor}.lugre": NUMBERS for motor in ("m1", "m2")})
+    """The model elbow with two elements of hysteresis in each gear, bristles and friction of the load in each motor."""
+    made: dict[str, object] = {f"{gear}.hysteresis": SLIPPING for gear in GEARS.values()}
+    for motor in ("m1", "m2"):
+        made |= {f"motor.{motor}.lugre": NUMBERS, f"motor.{motor}.friction": {"type": "gear", **LOADED}}
+    return flexgen.read(NAME, overrides=made)
 
 
 @cache

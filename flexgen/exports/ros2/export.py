@@ -18,7 +18,7 @@ from flexgen.exports.selftest.golden import output_at
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import propose_gains
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, refuse_load
+from flexgen.model.friction import bristled_motors, loaded_motors
 from flexgen.numerics.evaluate import evaluate
 from flexgen.spec.ports import CPP_KEYWORDS
 from flexgen.type_checks import checked_types
@@ -97,7 +97,6 @@ def export_ros2(
         raise ArgumentError(f"parts: given {', '.join(parts)}, expected {' or '.join(PARTS)}, and a controller")
     positions = "position" in parts
     library = emit(model, streams=controller, parts=tuple(dict.fromkeys(parts)))
-    refuse_load(library.model, "export_ros2")
     name = library.name
     chosen = _package_name(package, name)
     if not _EMAIL.match(email):
@@ -119,8 +118,9 @@ def export_ros2(
     }
     notes = (OPEN_GAINS,) * (controller and not gains and not positions)
     texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
+    sections = (*parts, *["load"] * bool(loaded_motors(library.model)))
     for file, path in _files(chosen, controller, parts).items():
-        texts[path] = _render(file, chosen, name, words, parts)
+        texts[path] = _render(file, chosen, name, words, sections)
     return library.write("ros2", directory, texts, force=force, default=chosen, notes=notes)
 
 
@@ -189,7 +189,7 @@ def _words(
         "ACTUATED": ", ".join(str(i) for i in model.i_g),
         "MOTORS": ", ".join(quote(motor.name) for motor in model.motors),
         "HOME_TORQUES": numbers(torques),
-        "BRISTLES": _bristles(model),
+        "REFUSED_FRICTION": _refused_friction(model),
         "WRENCH_ROWS": _wrench_rows(model) if "force" in parts else "",
         "STREAM": "",
         "DEPENDS": "",
@@ -260,12 +260,15 @@ def _wrench_rows(model: RobotModel) -> str:
     return ", ".join(str("xyzabc".index(axis)) for axis in axes)
 
 
-def _bristles(model: RobotModel) -> str:
-    """The line that refuses the friction of a state of which the interface has the velocities alone."""
-    if not (names := bristled_motors(model)):
+def _refused_friction(model: RobotModel) -> str:
+    """A line that refuses a friction for which the interface, which has the velocities alone, lacks a number."""
+    if names := bristled_motors(model):
+        reason = f"motor {names[0]} has lugre, which depends on the motion before"
+    elif names := loaded_motors(model):
+        reason = f"motor {names[0]} has a friction that depends on the torque of its gear"
+    else:
         return ""
-    told = f"friction: given velocities, expected none: motor {names[0]} has lugre, which depends on the motion before"
-    return f"    throw std::runtime_error({quote(told)});\n"
+    return f"\n    throw std::runtime_error({quote(f'friction: given velocities, expected none: {reason}')});"
 
 
 def _gains_text(gains: Cascade | None, n: int) -> str:

@@ -79,8 +79,10 @@ Eigen::VectorXd InverseDynamics::getGravityVector(const Eigen::VectorXd &joint_p
 
 Eigen::VectorXd InverseDynamics::getFrictionVector(const Eigen::VectorXd &joint_velocities) const
 {
-    check(initialized_, "joint_velocities", joint_velocities);
-@BRISTLES@    double v_m[MODEL_NM], f_m[MODEL_NM];
+    check(initialized_, "joint_velocities", joint_velocities);@REFUSED_FRICTION@
+#if MODEL_LOAD
+#else  /* MODEL_LOAD */
+    double v_m[MODEL_NM], f_m[MODEL_NM];
     for (int j = 0; j < MODEL_NM; ++j) {
         v_m[j] = 0.0;
         for (int i = 0; i < MODEL_NG; ++i) {
@@ -95,6 +97,7 @@ Eigen::VectorXd InverseDynamics::getFrictionVector(const Eigen::VectorXd &joint_
         }
     }
     return f;
+#endif /* MODEL_LOAD */
 }
 
 Eigen::VectorXd InverseDynamics::getExternalTorques(
