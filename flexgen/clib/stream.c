@@ -644,7 +644,13 @@ model_status model_stream_force(const model_stream *given, const real *force)
 
 #endif /* MODEL_FORCE */
 #if MODEL_HYSTERESIS
-#else  /* MODEL_HYSTERESIS */
+#else /* MODEL_HYSTERESIS */
+#if MODEL_LUGRE
+#else /* MODEL_LUGRE */
+#if MODEL_LOAD
+#else /* MODEL_LOAD */
+#if MODEL_HARMONICS
+#else  /* MODEL_HARMONICS */
 COLD model_status model_stream_limits(
     const model_stream *given, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
 {
@@ -681,6 +687,9 @@ COLD model_status model_stream_limits(
     }
     return MODEL_OK;
 }
+#endif /* MODEL_HARMONICS */
+#endif /* MODEL_LOAD */
+#endif /* MODEL_LUGRE */
 #endif /* MODEL_HYSTERESIS */
 
 /* Status of an update that fails after its sample was taken; UNREACHABLE would mean that the sample was refused. */
