@@ -376,7 +376,9 @@ def exceeded_limits(robot: RobotModel, limits: Limits, trajectory: Trajectory, s
         return ()
     from flexgen.mechanics.limit_use import uses_of_limits
 
-    uses = uses_of_limits(robot, limits, trajectory.__getitem__, trajectory.time)
+    moving = np.flatnonzero(np.diff(trajectory["y_ref"], axis=0).any(axis=1))
+    end = float(trajectory.time[moving[-1] + 1]) if len(moving) else np.inf
+    uses = uses_of_limits(robot, limits, trajectory.__getitem__, trajectory.time, end)
     return tuple(use.warning() for use in uses if use.part > 1 + slack)
 
 

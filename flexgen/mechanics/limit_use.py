@@ -77,6 +77,7 @@ def limit_rows(
     channel: Channel,
     time: np.ndarray,
     tool: Callable[[], ToolMotion] | None = None,
+    end: float = np.inf,
 ) -> Iterator[LimitRow]:
     """The quantities that have bounds, along a motion.
 
@@ -90,6 +91,9 @@ def limit_rows(
         Instants of the samples.
     tool : callable, optional
         Gives the motion of the tool where it is known; default: from the kinematics.
+    end : float [s]
+        Of the path, which begins at 0: a mean square without a time constant is that between these instants: a
+        long rest after the path would make it small. Default: that of all samples.
 
     Yields
     ------
@@ -119,20 +123,22 @@ def limit_rows(
         yield from _curve_rows(limits, motors, channel("tau_m"), channel("v_m"))
     if limits.torque_rms is not None:
         times = limits.bounds("thermal_time", model.n_m)
-        effective = _effective(channel("tau_m"), times, time)
+        effective = _effective(channel("tau_m"), times, time, end)
         yield _row("effective torque", _each("N m", motors), motors, effective, limits.bounds("torque_rms", model.n_m))
     if limits.gear_torque_rms is not None:
-        effective = _effective(channel("tau_g"), np.full(model.n_g, np.inf), time)
+        effective = _effective(channel("tau_g"), np.full(model.n_g, np.inf), time, end)
         yield _row("effective gear torque", of_gear, joints, effective, limits.bounds("gear_torque_rms", model.n_g))
     if limits.tool_speed is not None or limits.tool_acceleration is not None:
         known = tool or partial(tool_motion, derive(model), *map(channel, ("q_a", "v_a", "a_a")))
         yield from _tool_rows(limits, known())
 
 
-def uses_of_limits(model: RobotModel, limits: Limits, channel: Channel, time: np.ndarray) -> tuple[LimitUse, ...]:
+def uses_of_limits(
+    model: RobotModel, limits: Limits, channel: Channel, time: np.ndarray, end: float = np.inf
+) -> tuple[LimitUse, ...]:
     """The largest use of each limit along a motion; arguments of `limit_rows`."""
     out: dict[tuple[str, str], LimitUse] = {}
-    for row in limit_rows(model, limits, channel, time):
+    for row in limit_rows(model, limits, channel, time, end=end):
         at = np.abs(row.parts).argmax(axis=0)
         for k, name in enumerate(row.names):
             part, value = (float(abs(x[at[k], k])) for x in (row.parts, row.values))
@@ -175,9 +181,10 @@ def _rate(values: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.diff(values, axis=0) / np.diff(time)[:, None]
 
 
-def _effective(values: np.ndarray, constants: np.ndarray, time: np.ndarray) -> np.ndarray:
+def _effective(values: np.ndarray, constants: np.ndarray, time: np.ndarray, end: float) -> np.ndarray:
     """Effective values (n, k), or (1, k) where all time constants are infinite."""
-    mean = np.sqrt((values**2).mean(axis=0, keepdims=True))
+    on_path = slice(None) if np.isinf(end) else (time >= 0.0) & (time <= end)
+    mean = np.sqrt((values[on_path] ** 2).mean(axis=0, keepdims=True))
     if np.isinf(constants).all():
         return mean
     out = np.repeat(mean, len(values), axis=0)

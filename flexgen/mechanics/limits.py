@@ -56,7 +56,7 @@ class Limits:
         Of each motor's torque.
     torque_rms, thermal_time : tuple of float [N m], [s]
         Root mean square of each motor's torque: of its square filtered with the time constant, from 0 at the start; an
-        infinite one: over the whole motion.
+        infinite one: over the time of the path.
     torque_speed : tuple of tuples of (float, float) [rad/s, N m]
         For each motor points of the largest torque over the speed; empty: no curve.
     gear_torque, gear_torque_rms : tuple of float [N m or N]

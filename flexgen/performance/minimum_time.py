@@ -374,7 +374,7 @@ def _find_fastest(
 def _excess(found: Solution, limits: Limits) -> float:
     """Largest excess of a limit in the samples of a solution, relative."""
     path = found.trajectory
-    uses = uses_of_limits(found.model, limits, path.__getitem__, path.time)
+    uses = uses_of_limits(found.model, limits, path.__getitem__, path.time, float(found.move.duration))
     return max((use.part for use in uses), default=0.0) - 1.0
 
 

@@ -276,7 +276,7 @@ class ProgramSearch:
         found, tool = self.legs[0].invert(timed, timed.duration / count, mesh, self.force)
         channel = partial(getattr, found)
         rows = list(limit_rows(self.model, self.single, channel, found.t, tool))
-        whole = limit_rows(self.model, self.connecting, channel, found.t)
+        whole = limit_rows(self.model, self.connecting, channel, found.t, end=timed.duration)
         starts = np.array([segment.start for segment in timed.segments])
         ends = starts + [float(part[0]) for part in x]
         between = (ends[:-1] + starts[1:]) / 2

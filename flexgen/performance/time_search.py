@@ -115,7 +115,8 @@ class TimeSearch:
         every = np.arange(len(found.tau_m))  # the last check looks at all samples
         at = every if finer > 1 else self._instants(len(found.tau_m), found.n_pre)
         values = [self.speeds.parts(timed.segments[0].law)]
-        for row in limit_rows(self.model, self.limits, partial(getattr, found), found.t, tool):
+        channel = partial(getattr, found)
+        for row in limit_rows(self.model, self.limits, channel, found.t, tool, timed.duration):
             finite = np.isfinite(row.bounds).all(axis=0)
             values.append((row.parts if len(row.parts) == 1 else row.parts[at[at < len(row.parts)]])[:, finite].ravel())
         self.found = found

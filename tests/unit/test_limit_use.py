@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.codegen.digest import model_digest
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.inversion.solution import exceeded_limits
 from flexgen.mechanics.limit_use import limit_rows, tool_motion, uses_of_limits
 from flexgen.mechanics.limits import Limits
 from flexgen.numerics.evaluate import evaluate
@@ -64,6 +65,21 @@ def test_effective_torques_of_the_whole_motion_and_of_a_winding() -> None:
     assert_allclose(warm["effective torque of m2"], 3.0, rtol=1e-9)
     found = parts(Limits(gear_torque_rms=(1.0, np.inf)), tau_g=of_both(np.full(2001, 3.0)))
     assert_allclose(found["effective gear torque of q1"], 3.0, rtol=1e-9)
+
+
+def test_the_rest_after_a_path_is_not_in_an_effective_torque() -> None:
+    """2 N m on a path of 1 s, then none for 1 s: 2 N m; with the rest 2/sqrt(2)."""
+    limits, tau_m = Limits(torque_rms=(1.0, np.inf)), of_both(np.where(TIME <= 1.0, 2.0, 0.0))
+    values = [
+        uses_of_limits(flexgen.read("elbow"), limits, motion(tau_m=tau_m).__getitem__, TIME, end)[0].value
+        for end in (1.0, np.inf)
+    ]
+    assert_allclose(values, [2.0, np.sqrt(2.0)], rtol=1e-3)
+    robot = flexgen.read("elbow", overrides={"motor.m1.torque_rms_max": 9.0})
+    still = flexgen.solve(robot, verify=False, progress=False).trajectory  # the rest is a part of these samples
+    tau = still["tau_m"][(still.time >= 0.0) & (still.time <= 1.0), 0]
+    (text,) = exceeded_limits(robot, Limits(torque_rms=(0.9 * float(np.sqrt(np.mean(tau**2))), np.inf)), still)
+    assert f"{np.sqrt(np.mean(tau**2)):.3g}" in text
 
 
 def test_a_torque_curve_bounds_the_torque_at_each_speed() -> None:
