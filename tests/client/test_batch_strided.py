@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
+import tempfile
+from functools import cache
 
 import numpy as np
 import pytest
-from emitted import library_of, made, random_states
+from emitted import library_of, random_states
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.library.generate import GeneratedLibrary
 
 pytestmark = needs_compiler
 GUARD = -7.25
@@ -20,6 +24,15 @@ NAMES = [
         for name in ("inverse_dynamics_derivatives", "inversion_jacobians", "arm_forward_derivatives")
     ),
 ]
+
+
+@cache
+def made(name: str) -> GeneratedLibrary:
+    """A library of the functions that are called here."""
+    functions = [*(function for model, function in NAMES if model == name), "gravity"]
+    folder = tempfile.TemporaryDirectory(prefix="flexgen-")
+    atexit.register(folder.cleanup)
+    return flexgen.generate(name, folder.name + "/made", functions=functions, progress=False)
 
 
 def pointer(x: np.ndarray) -> ctypes.c_void_p:

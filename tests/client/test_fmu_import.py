@@ -204,7 +204,7 @@ def test_nothing_is_allocated_after_the_instantiation(block, kind, version, tmp_
         f'-DGUID="{written.details["token"]}"',
         *wrap,
     ]
-    command = ["gcc", "-std=c99", "-O1", *defined, str(SUPPORT / "fmu_allocations.c"), *sources, "-lm", "-o", program]
+    command = ["gcc", "-std=c99", "-O0", *defined, str(SUPPORT / "fmu_allocations.c"), *sources, "-lm", "-o", program]
     subprocess.run(command, check=True)
     done = subprocess.run([program], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["1", "0", "1"], done.stdout  # instantiate; 300 steps; a saved state

@@ -21,7 +21,7 @@ pytestmark = needs_compiler
 SEED = 4
 ROUNDS = 12  # of every kind of spoiled call: more than a thousand calls over all robots
 STRICT = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", "-Wall", "-Wextra", "-Werror"]
-LEVELS = ("-O0", "-O1", "-O2")
+LEVELS = ("-O0", "-O2")  # the library has another one
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_the_same_bits_from_every_compiler_and_level(made, compiler, tmp_path):
     expected = invert(one, call)
     assert expected.status == 0
     scalar = f"-D{library_name(one.equations.model).upper()}_NO_VECTORS"
-    for k, words in enumerate([*([level] for level in LEVELS), ["-O1", scalar]]):
+    for k, words in enumerate([*([level] for level in LEVELS), ["-O0", scalar]]):
         file = tmp_path / f"{k}.so"
         flags = [*STRICT, *words, "-fPIC", "-shared", "-fno-tree-vectorize", f"-I{one.directory}"]
         run(compiler, *flags, *map(str, sources(one.directory)), "-lm", "-o", file, folder=tmp_path)

@@ -59,7 +59,7 @@ def shortest(equations: flexgen.Equations, force) -> flexgen.Solution:
     problem.add_cost(problem.duration, at="end")
     problem.add_cost(1e-6 * ca.sumsqr(ca.diff(problem.nodes("tau_m").T)))
     problem.follow(tolerance=1e-6)
-    return problem.solve(progress=False)
+    return problem.solve(progress=False, compiled=False)
 
 
 @pytest.mark.slow

@@ -231,7 +231,7 @@ def test_cpp_and_two_models_in_one_program(tmp_path):
     folders = [made(name).directory for name in SMALL]
     includes = [f"-I{folder}" for folder in folders]
     files = [path for folder in folders for path in sources(folder)]
-    run(CC, *STRICT, "-c", *files, folder=tmp_path)
+    run(CC, *STRICT, "-O0", "-c", *files, folder=tmp_path)
     run(cpp, "-Wall", "-Wextra", "-Wpedantic", "-Werror", *includes, "-c", "two.cpp", folder=tmp_path)
     run(cpp, *sorted(tmp_path.glob("*.o")), "-lm", "-o", "two", folder=tmp_path)
     printed = [float(line) for line in run(tmp_path / "two", folder=tmp_path).split()]
