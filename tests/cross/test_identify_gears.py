@@ -77,7 +77,7 @@ def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seconds", [30.0, pytest.param(60.0, marks=pytest.mark.full)])
+@pytest.mark.parametrize("seconds", [20.0, *(pytest.param(x, marks=pytest.mark.full) for x in (30.0, 60.0))])
 def test_a_record_with_noise_gives_the_loop(seconds: float) -> None:
     record = with_noise(hysteretic_record("planar5_nmp", seconds, step=5e-4), NOISE)
     check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))

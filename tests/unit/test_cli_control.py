@@ -124,9 +124,9 @@ def test_score_and_its_refusals(tmp_path, capsys):
 @pytest.mark.slow
 def test_tune_writes_a_controller(tmp_path, capsys):
     out = tmp_path / "mine.toml"
-    assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(out)]) == 0
+    assert main(["tune", "four_mass@1", "-q", "--evaluations", "5", "--out", str(out)]) == 0
     assert "evaluations" in capsys.readouterr().out and 'type = "cascade"' in out.read_text()
-    assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(tmp_path / "mine.json")]) == 2
+    assert main(["tune", "four_mass@1", "-q", "--evaluations", "5", "--out", str(tmp_path / "mine.json")]) == 2
 
 
 @pytest.mark.parametrize(("report", "pages"), [(None, 0), ("page", 1)])
