@@ -59,7 +59,7 @@ def test_soft_tracking(tmp_path):
     assert off[0] < 0.1 < off[1] < off[2]  # mm: weaker motors, larger errors
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_obstacle_avoidance_with_18_degrees_of_freedom(tmp_path):
     out = run("obstacle_avoidance", tmp_path)
     straight, planned = (float(row.split()[-2]) for row in out.splitlines()[1:3])

@@ -57,7 +57,7 @@ def test_methods_agree(name: str) -> None:
         assert difference(best.trajectory, answer.trajectory, best.move.duration) < tolerance, method
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @needs_compiler
 def test_lq_and_bvp_agree_on_six_axes() -> None:
     """With three unstable zeros at either end, where the methods by IPOPT are too slow to be tried."""

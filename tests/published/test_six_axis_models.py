@@ -137,7 +137,7 @@ def test_another_direction_behind_joint_5_is_flat(name: str, change: dict[str, o
     assert len(inner_zeros(equations, linear, rest)) < ZEROS[name][1] + equations.model.n_g
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_eighteen_degrees_of_freedom_by_collocation() -> None:
     solution = flexgen.solve("manutec_r3_18", "line", method="collocation")
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 1e-7
