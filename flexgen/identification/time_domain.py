@@ -191,7 +191,8 @@ def refine(
     Parameters
     ----------
     found : IdentificationResult
-        From the frequency responses of the same experiment; where the search begins.
+        From the frequency responses of the same experiment; where the search begins. Its model error remains, unless
+        friction or springs are not linear.
     experiment : Experiment
     free : sequence of str, optional
         Default: those of ``found``, and viscous and Coulomb friction and ``beta`` of motors and joints that have any.
@@ -253,7 +254,7 @@ def refine(
         x=fit.x,
         found_delays=found.sensor_delays,
         formal_covariance=covariance,
-        status=_status(fit, cost, simulated),
+        status=_status(fit, cost, simulated, found),
         cost=cost,
         model_error=0.0,
         starts=1,
@@ -372,15 +373,14 @@ def _frictions(found: IdentificationResult) -> list[str]:
     ]
 
 
-def _status(fit: Fit, cost: float, simulated: Simulated) -> FitStatus:
-    if not fit.converged:
-        return FitStatus.NOT_CONVERGED
-    if fit.at_bound.any():
-        return FitStatus.AT_BOUND
+def _status(fit: Fit, cost: float, simulated: Simulated, found: IdentificationResult) -> FitStatus:
+    if not fit.converged or fit.at_bound.any():
+        return FitStatus.AT_BOUND if fit.converged else FitStatus.NOT_CONVERGED
     relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(simulated.measured)
-    if cost > COST_MOST and relative > SMALL_ERROR:
+    bent = simulated.local.springs or any(name.endswith(".coulomb") for name in _frictions(found))
+    if found.status == FitStatus.MODEL_ERROR and not bent:  # the angles of one experiment show less than all responses
         return FitStatus.MODEL_ERROR
-    return FitStatus.FITTED
+    return FitStatus.MODEL_ERROR if cost > COST_MOST and relative > SMALL_ERROR else FitStatus.FITTED
 
 
 def _standard_deviation(spectra: np.ndarray) -> np.ndarray:

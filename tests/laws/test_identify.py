@@ -309,6 +309,22 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
 
 @needs_compiler
 @pytest.mark.slow
+def test_a_wrong_mass_stays_a_model_error():
+    """The angles of one experiment hardly show 1.5 % of a mass, which moves the springs by many deviations."""
+    model = without_coulomb("planar5_nmp")
+    truth = another(model, 1, 0.15)
+    mass = next(p.value for p in select(truth, ["arm3.mass"]))
+    plan = small_plan(model, poses_of(model, 2), hardware=NOISY, lines=20, period_s=1.0, periods=4, speed_rms=0.05)
+    experiment = flexgen.measure(plan, with_values(truth, {"arm3.mass": 1.015 * mass}), seed=1, progress=False)
+    coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
+    fine = flexgen.refine(coarse, experiment, progress=False)
+    assert coarse.status == fine.status == FitStatus.MODEL_ERROR and fine.cost < 2.0
+    formal = np.sqrt(np.diag(fine.formal_covariance))[fine.vector.names.index("q1.stiffness")]
+    assert abs(errors(fine, truth_of(truth, ["stiffness"]))["q1.stiffness"]) > 5 * formal and not any(fine.sd.values())
+
+
+@needs_compiler
+@pytest.mark.slow
 def test_wrong_drive_gains_are_seen_in_the_cost_and_identified():
     """Wrong gains are seen in the cost; as parameters they are found, and are not written to the model."""
     model = with_friction("planar5_nmp")
