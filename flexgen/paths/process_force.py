@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from flexgen.counts import show_value
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.elements import RobotModel
 from flexgen.paths.force_files import is_table, read_force
 from flexgen.paths.tool_force import CHANNEL, LABELS, UNITS
@@ -130,7 +130,15 @@ def _numbers(given: Any, expected: str) -> np.ndarray:
 def _from_function(given: Callable[[np.ndarray], Any], duration: float, expected: str) -> tuple[np.ndarray, np.ndarray]:
     """Instants on the path and the values of a function of time."""
     t = np.linspace(0.0, duration, int(np.clip(np.ceil(duration / STEP), 400, SAMPLES - 1)) + 1)
-    values = _numbers(given(t), expected)
+    try:
+        values = _numbers(given(t), expected)
+    except FlexgenError:
+        raise
+    except Exception as error:  # of the function of a user
+        raise ArgumentError(
+            f"force: given a function that raises {type(error).__name__} for an array of {len(t)} instants ({error}), "
+            "expected f(t) with t (n,) [s] that returns (n, 3)"
+        ) from error
     if len(values) != len(t):
         raise ArgumentError(
             f"force: given a function that returns {len(values)} rows for {len(t)} instants, expected a row for each: "

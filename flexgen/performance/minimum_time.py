@@ -314,9 +314,7 @@ def _find_fastest(
     path = Path(derive(robot), find_move(robot, move))
     several, shown = isinstance(path.move, Program), progress if callable(progress) else None
     force = None if asked.force is None else make_place_force(asked.force, robot, len(path.segments))
-    default = solve(
-        robot, path.move, verify=not several, force=None if force is None else force_along(force, path), progress=shown
-    )
+    default = _solve_as_given(robot, path, several, None if force is None else force_along(force, path), shown)
     check_range(path)
     kept = _limits_of(robot, asked.limits, asked.torque_rate, default)
     own = kept
@@ -376,6 +374,16 @@ def _excess(found: Solution, limits: Limits) -> float:
     path = found.trajectory
     uses = uses_of_limits(found.model, limits, path.__getitem__, path.time, float(found.move.duration))
     return max((use.part for use in uses), default=0.0) - 1.0
+
+
+def _solve_as_given(robot: RobotModel, path: Path, several: bool, force: Any, shown: Choice) -> Solution:
+    """The solution of the move as it is given; of a program verified only where its residual alone does not do."""
+    if several:
+        try:
+            return solve(robot, path.move, verify=False, force=force, progress=shown)
+        except SolverError:
+            pass
+    return solve(robot, path.move, force=force, progress=shown)
 
 
 def _limits_of(robot: RobotModel, given: Limits | None, torque_rate: float | None, default: Solution) -> Limits:

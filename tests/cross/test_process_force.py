@@ -7,6 +7,8 @@ from the linear robot, without any force.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from clib_planted import plant_in_c
@@ -311,6 +313,7 @@ def test_a_wrong_table_is_refused(text, words, tmp_path):
         (np.zeros((1, 3)), "shape (1, 3)"),
         ("far", "does not exist"),
         (lambda t: np.zeros((3, 3)), "3 rows"),
+        (lambda t: [math.sin(t), 0.0], "a function that raises TypeError for an array of 2001 instants"),
         (np.ones((5, 3)), "fz up to 1 N, expected zero"),
         (np.ones((5, 6)), "expected zero"),
         (object(), "function of the time"),

@@ -200,3 +200,14 @@ def test_a_program_of_one_motion_gets_its_law_too(given: dict[str, np.ndarray]) 
     found = flexgen.fastest("planar5_nmp", move, limits=own, coefficients=4, progress=False)
     assert found.duration_s < found.default_s and len(found.move.laws) == 1
     assert found.solution.trajectory.time[-1] < found.default.trajectory.time[-1]
+
+
+@pytest.mark.slow
+def test_a_program_whose_residual_is_too_large_unverified_is_verified() -> None:
+    """It was refused, with the advice to switch the verification on."""
+    steps = tuple(flexgen.MoveJ(end=end) for end in ((0.5, -0.3), (0.6, -0.4)))
+    two = flexgen.Program("two", start=(0.4, -0.2), steps=steps, joint_profile=(1.0, 5.0, 50.0, 1000.0))
+    with pytest.raises(SolverError, match="does not satisfy the equations of motion"):
+        flexgen.solve("elbow", two, verify=False, progress=False)
+    found = flexgen.fastest("elbow", two, limits=flexgen.Limits(torque=(40.0, 25.0)), progress=False)
+    assert found.solution.status == "solved" and found.duration_s < found.default_s
