@@ -3,6 +3,7 @@
 A csv file has four parts: a comment with the meta data in JSON, the names of the columns (``name[label] unit``, first
 ``time s``), a row of numbers for each instant, and a comment with the number of rows, by which a file that was cut is
 recognized. ``pandas.read_csv(file, comment="#")`` and ``numpy.genfromtxt(file, delimiter=",", skip_header=2)`` read it.
+A table that is not from flexgen has the names and the rows alone.
 """
 
 from __future__ import annotations
@@ -231,18 +232,20 @@ def _cells(line: str) -> list[str]:
 
 
 def _read_csv(path: Path) -> Content:
-    with path.open(encoding="utf-8", newline="") as stream:
+    with path.open(encoding="utf-8-sig", newline="") as stream:  # a table of a spreadsheet may have the mark
         first = _line(stream, 1)
-        if not first.startswith("#"):
+        plain = not first.startswith("#")
+        if plain and not first.startswith("time"):
             raise ArgumentError(
                 "line 1: given a file that is not a trajectory of flexgen (no comment), expected '# {...}' with meta "
-                "data in JSON"
+                "data in JSON, or the names of the columns, the first of them 'time s'"
             )
-        meta = _object("line 1", json.loads(first.removeprefix("#")))
-        header = _cells(_line(stream, 2))
-        _check_time(header)
+        meta = {} if plain else _object("line 1", json.loads(first.removeprefix("#")))
+        top = 1 if plain else 2
+        header = _cells(first if plain else _line(stream, 2))
+        _check_time(header, top)
         numbers = array("d")
-        count, stated, number = 0, None, 2
+        count, stated, number = 0, None, top
         while line := _line(stream, number + 1):
             number += 1
             if stated is not None:
@@ -262,22 +265,22 @@ def _read_csv(path: Path) -> Content:
             if 8 * len(numbers) > LARGEST:
                 raise ArgumentError(f"line {number}: given more than {LARGEST // 8} numbers, expected fewer")
             count += 1
-    if stated != count:
+    if stated != count and not (plain and stated is None):
         last = "no last line '# rows: N'" if stated is None else f"{count} rows, where the last line states {stated}"
         raise ArgumentError(f"given {last}, expected a complete file: it was cut or changed; write or copy it again")
     table = np.frombuffer(numbers, dtype=float).reshape(count, len(header)).copy()
-    return _content(header, table, meta)
+    return _content(header, table, meta, top)
 
 
-def _check_time(header: list[str]) -> None:
+def _check_time(header: list[str], number: int) -> None:
     """Refuse a first column that is not the time in seconds."""
     if not header:
-        raise ArgumentError("line 2: given nothing, expected the names of the columns")
+        raise ArgumentError(f"line {number}: given nothing, expected the names of the columns")
     name, _, unit = header[0].partition(" ")
     if name != "time" or unit != "s":
         factor = _TIMES.get(unit) if name == "time" else None
         advice = f"; multiply the column by {factor} and call it 'time s'" if factor else ""
-        raise ArgumentError(f"line 2: given the first column {header[0][:60]!r}, expected 'time s'{advice}")
+        raise ArgumentError(f"line {number}: given the first column {header[0][:60]!r}, expected 'time s'{advice}")
 
 
 def _parse_row_count(line: str, number: int) -> int:
@@ -287,7 +290,7 @@ def _parse_row_count(line: str, number: int) -> int:
     return int(found[1])
 
 
-def _content(header: list[str], table: np.ndarray, meta: dict[str, Any]) -> Content:
+def _content(header: list[str], table: np.ndarray, meta: dict[str, Any], number: int) -> Content:
     """The channels of a table: neighboring columns of the same name."""
     names: dict[str, list[str]] = {}
     units: dict[str, list[str]] = {}
@@ -296,7 +299,7 @@ def _content(header: list[str], table: np.ndarray, meta: dict[str, Any]) -> Cont
     for k, column in enumerate(header[1:], 1):
         found = _COLUMN.match(column) if len(column) <= NAME else None
         if found is None:
-            raise ArgumentError(f"line 2: given the column {column[:60]!r}, expected 'name[label] unit'")
+            raise ArgumentError(f"line {number}: given the column {column[:60]!r}, expected 'name[label] unit'")
         name, label, unit = found.groups()
         if name in names and name != last:
             raise ArgumentError(f"channel {name}: given columns that are not adjacent, expected adjacent columns")

@@ -226,3 +226,24 @@ def test_octave_reads_the_mat_file(tmp_path, trajectory):
     value, label, unit = done.stdout.strip().split(maxsplit=2)
     assert float(value) == trajectory["q_a"][-1, 0]
     assert (label, unit) == (trajectory.labels["q_a"][0], trajectory.units["q_a"][0])
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_table_without_comments_is_read(tmp_path, mark):
+    """As a recorder or a spreadsheet writes it, with the mark of UTF-8 or without."""
+    path = tmp_path / "record.csv"
+    text = "time s,q_m[m1] rad,q_m[m2] rad,tau_m[m1] N m\r\n0.0,1,2,3\r\n0.001,4,5,6\r\n"
+    path.write_text(mark + text, encoding="utf-8", newline="")
+    found = Trajectory.load(path)
+    assert found.time.tolist() == [0.0, 0.001] and found["q_m"].tolist() == [[1.0, 2.0], [4.0, 5.0]]
+    assert found.labels["tau_m"] == ("m1",) and found.units["tau_m"] == ("N m",) and found.meta == {}
+    for wrong, words in (
+        (text.replace("time s", "time ms"), r"line 1: given the first column 'time ms', .* multiply .* 0\.001"),
+        (text.replace("time s", "t"), "line 1: given a file that is not .* or the names of the columns"),
+        (text.replace(",6\r", "\r"), "line 3: given 3 columns, expected 4"),
+        (text.replace("q_m[m2] rad", "angle"), "line 1: given the column 'angle', expected"),
+        (text + "# rows: 3\r\n", "given 2 rows, where the last line states 3"),
+    ):
+        path.write_text(wrong, encoding="utf-8", newline="")
+        with pytest.raises(ArgumentError, match=words):
+            Trajectory.load(path)
