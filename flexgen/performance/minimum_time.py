@@ -333,6 +333,7 @@ def _find_fastest(
     x, history = search.run()
     if isinstance(search, TimeSearch) and search.swings is not None:
         x = search.calm(x, history)
+    seconds = perf_counter() - began, process_time() - cpu
     for _ in range(CHECKS):
         timed = search.move(x)
         tell(f"verifying {timed.duration:.4f} s")
@@ -344,8 +345,7 @@ def _find_fastest(
             break
         x = search.slower(x, over)
     else:
-        raise SolverError(f"fastest: where gears reverse, limits stay exceeded by {over:.1e}; take less of their rates")
-    seconds = perf_counter() - began, process_time() - cpu
+        raise SolverError(f"fastest: a limit stays exceeded by {over:.1e} of it where gears reverse; increase it")
     new, given = (search.vibrations(solution) for solution in (found, default))
     rigid = [rigid_time(leg, *own.arrays(robot.n_m), of_motion(force, k)) for k, leg in enumerate(legs_of(path))]
     pauses = path.duration - sum(segment.law.duration for segment in path.segments)
