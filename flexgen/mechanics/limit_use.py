@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.signal import lfilter
 
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.limits import Limits
@@ -187,6 +186,8 @@ def _effective(values: np.ndarray, constants: np.ndarray, time: np.ndarray, end:
     mean = np.sqrt((values[on_path] ** 2).mean(axis=0, keepdims=True))
     if np.isinf(constants).all():
         return mean
+    from scipy.signal import lfilter  # two fifths of the import of `flexgen.solve`
+
     out = np.repeat(mean, len(values), axis=0)
     for j in np.flatnonzero(np.isfinite(constants)):
         part = -np.expm1(-(time[-1] - time[0]) / (len(time) - 1) / constants[j])
