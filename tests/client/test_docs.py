@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -67,6 +68,7 @@ def blocks(text: str, language: str, marks: tuple[str, ...] = ("",)) -> list[str
     return [code for mark, code in found if mark in marks]
 
 
+@cache
 def marked(mark: str) -> list[Path]:
     """Pages with Python behind a marker."""
     return [page for page in (*PAGES, *ROOMS) if blocks(page.read_text("utf-8"), "python", (mark,))]
