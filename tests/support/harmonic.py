@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -34,11 +35,14 @@ def harmonic(name: str, size: float = 1.0, error: bool = True, torque: bool = Tr
 
 
 def value(table: dict[str, Any], q: np.ndarray, order: int = 0) -> np.ndarray:
-    """The sum at the angles ``q``, or a derivative."""
-    total = np.zeros_like(q)
-    for k, c, s in zip(table["harmonics"], table["cos"], table["sin"], strict=True):
-        total += k**order * (c * np.cos(k * q + order * np.pi / 2) + s * np.sin(k * q + order * np.pi / 2))
-    return total
+    """The sum at the angles ``q``, or a derivative; in numbers, since small arrays take five times as long."""
+    out, shift = [], order * math.pi / 2
+    for angle in np.ravel(q).tolist():
+        parts = zip(table["harmonics"], table["cos"], table["sin"], strict=True)
+        out.append(
+            sum(k**order * (c * math.cos(k * angle + shift) + s * math.sin(k * angle + shift)) for k, c, s in parts)
+        )
+    return np.array(out).reshape(np.shape(q))
 
 
 def law_with_sums(name: str, size: float = 1.0, ripple: float = 1.0) -> Law:

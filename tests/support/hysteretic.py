@@ -87,18 +87,25 @@ def joint_stiffness(model: flexgen.RobotModel) -> np.ndarray:
 
 
 class Gears:
-    """Dahl's law in the deflections of gears, from where each began its step."""
+    """Dahl's law in the deflections of gears, from where each began its step; in numbers, as `Elements`."""
 
     def __init__(self, stiffness: np.ndarray, slip: np.ndarray, p: np.ndarray) -> None:
-        self.slip, self.rate, self.p, self.z = slip, -stiffness / slip, p, np.zeros(len(p))
+        self.slip, self.rate = slip.tolist(), (-stiffness / slip).tolist()
+        self.p, self.z = p.tolist(), [0.0] * len(p)
+
+    def each_at(self, p: list[float]) -> list[float]:
+        out = []
+        for now, before, z, slip, rate in zip(p, self.p, self.z, self.slip, self.rate, strict=True):
+            end = math.copysign(slip, now - before)
+            out.append(end + (z - end) * math.exp(rate * abs(now - before)))
+        return out
 
     def at(self, p: np.ndarray) -> np.ndarray:
-        change = p - self.p
-        end = np.copysign(self.slip, change)
-        return end + (self.z - end) * np.exp(self.rate * np.abs(change))
+        return np.array(self.each_at(p.tolist()))
 
     def keep(self, p: np.ndarray) -> None:
-        self.z, self.p = self.at(p), p
+        now = p.tolist()
+        self.z, self.p = self.each_at(now), now
 
 
 class Elements:
@@ -194,7 +201,7 @@ def tool_error_in_mujoco(
     law: Law,
     kept: Callable[[np.ndarray, np.ndarray], None] = lambda q_g, q_m: None,
     *,
-    step: float = 1e-4,
+    step: float = 2e-4,
     feedback: bool = True,
 ) -> float:
     """Largest distance [m] of MuJoCo's tool from the path until 0.1 s after it, PD about the torque of the path.
@@ -256,7 +263,7 @@ def error_with_elements(name: str, path: Trajectory, elements: Sequence[Element]
 
 
 def error_in_mujoco(
-    name: str, path: Trajectory, lost_motion: float, *, share: float = 1.0, step: float = 1e-4, feedback: bool = True
+    name: str, path: Trajectory, lost_motion: float, *, share: float = 1.0, step: float = 2e-4, feedback: bool = True
 ) -> float:
     """`tool_error_in_mujoco` of a robot whose gears have ``lost_motion`` [rad]; zero: without hysteresis."""
     model = flexgen.read(name)
