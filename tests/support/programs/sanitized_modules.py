@@ -5,6 +5,7 @@ Arguments: a folder for a library of manutec_r3_18; ``planted``, to end with the
 
 from __future__ import annotations
 
+import os
 import sys
 from contextlib import suppress
 from dataclasses import replace
@@ -97,6 +98,7 @@ def poses(folder: Path) -> None:
 
 def main(folder: Path, planted: bool) -> None:
     """Everything; with the planted bug the first run under control."""
+    os.environ.pop("LD_PRELOAD", None)  # for the sanitizers of this process; a compiler would take twice its time
     c_module.find_compiler = sanitized  # type: ignore[assignment]
     if planted:
         real = c_module.compile_module
