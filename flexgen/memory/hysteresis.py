@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -31,12 +32,12 @@ class GearHysteresis:
     stiffness: np.ndarray
     slip: np.ndarray
 
-    @property
+    @cached_property
     def present(self) -> np.ndarray:
         """Which gears have hysteresis (n_g,)."""
         return np.asarray(self.slip > 0.0)
 
-    @property
+    @cached_property
     def divisor(self) -> np.ndarray:
         """W, and 1 where none is."""
         return np.where(self.present, self.slip, 1.0)
@@ -49,7 +50,7 @@ class Layer(GearHysteresis):
     exponent: np.ndarray
     gamma: np.ndarray
 
-    @property
+    @cached_property
     def curved(self) -> list[int]:
         """The gears whose element has another law than Dahl's."""
         return [k for k, pair in enumerate(zip(self.exponent, self.gamma, strict=True)) if not is_dahl(*pair)]

@@ -57,8 +57,8 @@ class Curve:
 
     def at(self, u: np.ndarray) -> np.ndarray:
         """y at the paths u, which are not before y = -1."""
-        ends = self.pieces.x[0], self.pieces.x[-1]
-        return np.minimum(self.pieces(np.clip(u, *ends)), 1.0)
+        first, last = self.pieces.x[0], self.pieces.x[-1]
+        return np.minimum(self.pieces(np.minimum(np.maximum(u, first), last)), 1.0)
 
     def slope(self, y: np.ndarray) -> np.ndarray:
         """dy/du."""
