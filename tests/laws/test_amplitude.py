@@ -80,9 +80,12 @@ def identified(name, cause, seed=0, factor=1.0):
     return flexgen.identify(model, data[0], starts=1, levels=data[1:], progress=False)
 
 
+once_identified = cache(identified)  # where nothing is planted
+
+
 @pytest.mark.parametrize("cause", [*(pytest.param(x, marks=pytest.mark.slow) for x in NONLINEAR[:-1]), NONLINEAR[-1]])
 def test_a_nonlinearity_is_named(cause):
-    found = identified("planar5_nmp", cause).amplitude
+    found = once_identified("planar5_nmp", cause).amplitude
     assert cause in found.causes[0].words and len(found.causes) == 1 and found.causes[0].share > 0.9
     assert found.sentence.startswith("the levels differ by") and cause in found.sentence
 
@@ -118,7 +121,7 @@ def test_no_linear_fault_is_called_nonlinear(name, fault, seed):
 @pytest.mark.slow
 def test_numbers_of_a_law_are_those_that_were_planted():
     """Coulomb friction within 10 %, the half width of a dead band, a small part of the motion, within 35 %."""
-    friction, gap = (identified("planar5_nmp", cause).amplitude.causes[0].words for cause in NONLINEAR[::-3])
+    friction, gap = (once_identified("planar5_nmp", cause).amplitude.causes[0].words for cause in NONLINEAR[::-3])
     found = [float(word[1:].strip("+-")) for word in friction.split() if word.startswith("(")]
     np.testing.assert_allclose(found, [0.04, 0.028], rtol=0.1)
     found = [float(word.strip("(+-")) for word in gap.split() if word.startswith("(")]
@@ -153,7 +156,7 @@ def test_a_friction_that_the_model_has_is_not_named_again():
 
 @pytest.mark.slow
 def test_the_result_is_printed_and_saved():
-    found = identified("planar5_nmp", "hysteresis")
+    found = once_identified("planar5_nmp", "hysteresis")
     assert f"amplitude test: {found.amplitude.sentence}" in found.to_text()
     assert found.to_dict()["amplitude"]["causes"][0]["words"] == found.amplitude.causes[0].words
     alone = replace(found, amplitude=None)

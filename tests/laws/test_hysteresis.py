@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -129,13 +130,18 @@ def test_a_cycle_loses_the_area_of_the_loop() -> None:
     assert_allclose(work, area, rtol=1e-4)
 
 
+@cache
+def solved() -> flexgen.Solution:
+    """Before errors are planted."""
+    return flexgen.solve(elbow(), progress=False)
+
+
 @pytest.mark.parametrize(
     "planted", ["forgotten", *(pytest.param(x, marks=pytest.mark.slow) for x in ("sign", "no reversal"))]
 )
 def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The simulation integrates z itself: a wrong stage leaves more than a hundred times the error."""
-    model = elbow()
-    right = flexgen.solve(model, progress=False)
+    model, right = elbow(), solved()
     assert right.status == "solved" and right.tool_error_max_m < 2e-8
     if planted == "sign":
         own = stage._Branch.torque

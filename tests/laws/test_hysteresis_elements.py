@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -121,7 +122,7 @@ def test_sharp_elements_are_maxwell_slip_with_masings_loop() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("elements", [SLIPS, BENT])
+@pytest.mark.parametrize("elements", [SLIPS, pytest.param(BENT, marks=pytest.mark.full)])
 def test_a_cycle_loses_the_area_of_the_loop(elements: Sequence[Element]) -> None:
     """Of the fourth one: int z dp, and the area between the branches that an integrator in p gives."""
     model = elbow(elements)
@@ -144,13 +145,18 @@ def test_a_cycle_loses_the_area_of_the_loop(elements: Sequence[Element]) -> None
     assert work == pytest.approx(found[-2][-1] + found[-1][-1], rel=1e-5)
 
 
+@cache
+def solved() -> flexgen.Solution:
+    """Before errors are planted."""
+    return flexgen.solve(elbow(BENT, None), progress=False)
+
+
 @pytest.mark.parametrize(
     "planted", ["one element", *(pytest.param(x, marks=pytest.mark.slow) for x in ("gamma", "exponent"))]
 )
 def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the stage alone: the simulation integrates the elements itself."""
-    model = elbow(BENT, None)
-    right = flexgen.solve(model, progress=False)
+    model, right = elbow(BENT, None), solved()
     assert right.status == "solved" and right.tool_error_max_m < 2e-8
     own = law.curve_of
     changes = {"gamma": lambda n, gamma: own(n, -0.5 * gamma), "exponent": lambda n, gamma: own(n + 0.2, gamma)}

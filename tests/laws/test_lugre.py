@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -141,11 +142,16 @@ def test_motors_behind_rigid_gears_feel_it_too() -> None:
     assert solution.status == "solved" and solution.tool_error_max_m < 1e-7
 
 
+@cache
+def solved() -> flexgen.Solution:
+    """Before errors are planted."""
+    return flexgen.solve(bristled("elbow", TABLES), progress=False)
+
+
 @pytest.mark.parametrize("planted", ["sign", "forgotten", "static", "no reversal", "damping"])
 def test_planted_errors_of_the_stage_are_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The simulation integrates z itself: a wrong stage leaves more than a hundred times the error."""
-    model = bristled("elbow", TABLES)
-    right = flexgen.solve(model, progress=False)
+    model, right = bristled("elbow", TABLES), solved()
     assert right.status == "solved" and right.tool_error_max_m < 1e-8
     own = stage.motor_bristles
 
