@@ -88,6 +88,7 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+    gc.callbacks.clear()  # JAX has one
 
 
 @pytest.fixture
