@@ -49,7 +49,7 @@ def verdict_along(arm: PlanarArm, plant: Break = lambda x: x) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("bent", [pytest.param(False, marks=pytest.mark.full), True])
 def test_no_wrong_verdict_on_a_hundred_planar_arms(bent: bool) -> None:
     wrong, sides = 0, []
     for arm in arms(bent):
