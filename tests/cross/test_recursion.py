@@ -50,14 +50,14 @@ def test_recursion_agrees_with_the_lagrangian(name):
 
 
 @pytest.mark.slow
-def test_recursion_exists_without_beams_and_complete_coupling():
+@pytest.mark.parametrize("name", ALL_MODELS)
+def test_recursion_exists_without_beams_and_complete_coupling(name):
     """Beams; the whole machine where rotors turn with their carriers; everything else has one."""
-    for name in ALL_MODELS:
-        model = model_of(name)
-        straight = all(element.beam is None for element in model.elements)
-        assert (fast_function(equations_of(name), "gravity") is not None) == straight
-        if model.motor_coupling == "complete":
-            assert fast_function(equations_of(name), "forward_dynamics") is None
+    model = model_of(name)
+    straight = all(element.beam is None for element in model.elements)
+    assert (fast_function(equations_of(name), "gravity") is not None) == straight
+    if model.motor_coupling == "complete":
+        assert fast_function(equations_of(name), "forward_dynamics") is None
     assert fast_function(equations_of("elbow"), "energy") is None
 
 

@@ -58,6 +58,7 @@ def check_recursion(equations, case: Case) -> None:
     assert checked >= 6
 
 
+@pytest.mark.slow
 def test_functions_of_a_sample_of_random_trees_agree():
     on_trees(check_tree, SAMPLE)
 

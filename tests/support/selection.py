@@ -226,7 +226,7 @@ SLOW_CASES = {
         "0.002",
         "1.3",
     },
-    "laws/test_paths_smoothness.py": {"lq-3", "bvp-2"},
+    "laws/test_paths_smoothness.py": {"lq-3", "bvp-2", "bvp-3"},
     "laws/test_program_time.py": {"gears", "reserve"},
     "laws/test_recursion_planted.py": {"bias", "forward_dynamics", "inverse_dynamics_derivatives", "mass_matrix"},
     "laws/test_singular_wrists.py": {"1e-09", "1e-06", "q1", "q3"},
@@ -291,6 +291,7 @@ SLOW_CASES = {
     "laws/test_limits_in_plan.py": {"tool_acceleration", "joint_acceleration"},
     "laws/test_force_in_fastest.py": {"time"},
     "unit/test_library_cache.py": {"bvp-bvp"},
+    "cross/test_prediction_with_hysteresis.py": {"elements0-known0"},
 }
 # Cases that have a shorter sibling, of the same code, with the slow or the quick tests: `make test-full` runs them.
 FULL_CASES = {
