@@ -123,7 +123,7 @@ def test_a_servo_without_integral_part_holds_the_arm_by_an_offset(solved, tmp_pa
     assert np.abs(arm[-1] - arm[0]).max() < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_mujoco_of_six_axes_under_the_table(tmp_path):
     """The first 0.6 s of its move."""
     robot = robot_of("manutec_r3_18")
