@@ -812,7 +812,7 @@ static model_status solve_path(const model_samples *p, PARAMETERS_ARGUMENT const
 model_status model_bvp(const model_samples *samples, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
     const model_inversion_options *options, model_motion *motion, model_bvp_info *info, real *work, int64_t work_size)
 {
-    whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
+    whole_report report = {0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0};
     model_bvp_info zeros;
     model_status status = MODEL_NULL_ARGUMENT;
     zeros.unstable_zeros_start = zeros.unstable_zeros_end = 0;

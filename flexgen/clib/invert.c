@@ -520,7 +520,7 @@ model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT cons
     const model_inversion_options *options, model_motion *motion, model_invert_info *info, real *work,
     int64_t work_size)
 {
-    whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
+    whole_report report = {0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0};
     model_status status = MODEL_NULL_ARGUMENT;
     const int grows = options != NULL && options->growth;
     if (info != NULL && (!grows || has_state_and_torques(motion))) {
@@ -534,6 +534,7 @@ model_status model_invert(const model_samples *samples, PARAMETERS_ARGUMENT cons
         info->intervals = report.intervals;
         info->n_post = report.n_post;
         info->growth = (real)NAN;
+        info->torque_error = report.torque_error;
     }
 #if MODEL_GROWS
     if (grows && status >= 0) { /* the workspace is free again; where it fails, the torques are right all the same */
@@ -578,7 +579,7 @@ static void set_to_nan(real *x, ptrdiff_t count)
 static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int64_t work_size)
 {
     const model_problems *own = a->problems;
-    const model_invert_info unknown = {(real)NAN, (real)NAN, (real)NAN, 0, 0, a->options->n_post, (real)NAN};
+    const model_invert_info unknown = {(real)NAN, (real)NAN, (real)NAN, 0, 0, a->options->n_post, (real)NAN, (real)NAN};
     const ptrdiff_t n = a->samples->n, all = n + a->options->n_pre + a->options->n_post;
     const ptrdiff_t path = own->own_path ? k * n : 0;
     const real *q_start = a->q_start + (own->own_q_start ? k : 0) * NA;

@@ -1200,7 +1200,7 @@ model_status model_invert_limited(const model_samples *samples, PARAMETERS_ARGUM
     const model_inversion_options *options, const model_inversion_limits *limits, model_motion *motion,
     model_invert_limited_info *info, real *work, int64_t work_size)
 {
-    whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
+    whole_report report = {0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0};
     model_invert_limited_info found;
     model_invert_info inner;
     model_status status = MODEL_NULL_ARGUMENT;
@@ -1213,13 +1213,10 @@ model_status model_invert_limited(const model_samples *samples, PARAMETERS_ARGUM
             samples, PASSED_PARAMETERS q_start, options, limits, motion, &found, &inner, &report, work, work_size);
     }
     if (report.is_set) {
+        *info = found;
         info->residual = inner.residual;
         info->residual_at_samples = inner.residual_at_samples;
         info->kinematic_mismatch = inner.kinematic_mismatch;
-        info->deviation_m = found.deviation_m;
-        info->deviation_rad = found.deviation_rad;
-        info->limit_excess = found.limit_excess;
-        info->programs = found.programs;
         info->iterations = inner.iterations;
         info->intervals = inner.intervals;
         info->n_post = inner.n_post;

@@ -584,7 +584,7 @@ static inline whole_layout lay_out(int n, const model_inversion_options *o, int6
 /* What a solver finds on the way; the public functions give their part of it to the caller. */
 typedef struct {
     int is_set; /* the arguments are of the right sizes */
-    real residual, residual_at_samples, kinematic_mismatch;
+    real residual, residual_at_samples, kinematic_mismatch, torque_error;
     int iterations, intervals, n_post;
 } whole_report;
 
@@ -615,7 +615,7 @@ static inline model_status check_arguments(const model_samples *p, const real *p
         return MODEL_WORK_TOO_SMALL;
     }
     report->is_set = 1;
-    report->residual = report->residual_at_samples = report->kinematic_mismatch = (real)NAN;
+    report->residual = report->residual_at_samples = report->kinematic_mismatch = report->torque_error = (real)NAN;
     report->iterations = report->intervals = 0;
     report->n_post = o->n_post;
     return check_path(p, parameters, q_start);
@@ -673,13 +673,9 @@ static inline int newton_state(newton *s, real residual, real tolerance, real ta
 
 #endif
 
-/*
- * Largest residual at the samples of a status OK, in tolerances. On the mesh it is within the tolerance; between its
- * nodes the motion is interpolated, and what is left there moves the output by at most 10 times the deflection of 0.01
- * rad or m that it is relative to (measured: 0.25 to 5.3 times, meshes of 20 to 160 ms). With the tolerance 1e-6 that
- * is 1e-5 rad, and m for each meter of reach: the accuracy of flexgen solve.
- */
-static const real sampled_tolerances = PRECISE(1e2, 1.0);
+/* largest residual at the samples of a status OK, in tolerances; the same where the error of a torque is larger */
+static const real sampled_tolerances = PRECISE(1e2, 1.0), exact_tolerances = PRECISE(1e-2, 1.0),
+                  torque_error_max = 1e-3;
 
 /* The results at the samples: arrays of the caller or of the workspace, sample after sample. */
 typedef struct {
@@ -688,7 +684,8 @@ typedef struct {
     ptrdiff_t samples; /* of the motion: n_pre + n + n_post, or fewer where it has settled */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
     gear_rows gear;
-    real *a_m; /* samples x NM: accelerations of the motors; where the deflections have been */
+    real *a_m;  /* samples x NM: accelerations of the motors; where the deflections have been */
+    real *most; /* NM: the largest torques of the motors */
 #if MODEL_LUGRE
     real *held; /* NM: torques of the bristles at the last sample, at rest */
 #endif          /* MODEL_LUGRE */
@@ -865,14 +862,40 @@ MODEL_INLINE void add_column_maxima(
     }
 }
 
+#if MODEL_NE > 0
+/*
+ * Estimate of the largest error of a motor torque, relative to the largest torque of this motor. Between Gauss points
+ * a residual is left that ripples with the intervals; behind a gear, a rotor has to follow it, with a torque J (2 pi /
+ * h)^2 / K times as large. A sixth difference over quarters of an interval is 8 to 64 times such a ripple. At a node
+ * the torque may have a spike, and the accelerations differ by `off` from differences of the speeds.
+ */
+static inline real torque_error(const results *r, const real *off)
+{
+    const ptrdiff_t step = (r->o->samples_per_interval + 3) / 4 * (ptrdiff_t)NM;
+    const real least = 1e-9 + 1e-2 * largest(r->most, NM), binomial[4] = {1.0, -6.0, 15.0, -10.0};
+    real worst = 0.0;
+    for (int j = 0; j < NM; ++j) {
+        real most = 0.5 * off[j];
+        for (ptrdiff_t k = j; k + 6 * step < r->samples * NM; k += NM) {
+            real sixth = 0.0;
+            for (int i = 0; i < 4; ++i) {
+                sixth += binomial[i] * (r->a_m[k + i * step] + r->a_m[k + (6 - i) * step]);
+            }
+            most = fmax_1(most, fabs_1(sixth) / 24.0);
+        }
+        worst = fmax_1(worst, rotor_inertia[j] * most / fmax_1(r->most[j], least));
+    }
+    return worst;
+}
+
+#endif
 /*
  * Kinematic mismatch: the largest difference between finite differences of positions and velocities and the velocities
- * and accelerations, relative to the largest of these. It is close to zero where the samples resolve the motion. It is
- * large where they are too far apart, or too close for the number of digits, where the path jumps, and where a singular
- * pose throws the arm back. A model without unactuated coordinates is at rest before and after the samples and is
- * checked at all of them.
+ * and accelerations, relative to the largest of these. It is large where they are too far apart, or too close for the
+ * number of digits, where the path jumps, and where a singular pose throws the arm back. A model without unactuated
+ * coordinates is at rest before and after the samples and is checked at all of them.
  */
-static inline real kinematic_mismatch(const results *r)
+static inline real kinematic_mismatch(const results *r, real *of_torques)
 {
     const real sixty = 60.0 * r->p->period;
     real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0; /* least that is measured */
@@ -884,19 +907,22 @@ static inline real kinematic_mismatch(const results *r)
 #else                /* MODEL_HYSTERESIS */
     add_column_maxima(r->v_m, r->a_m, NM, r->samples, sixty, &of_motors);
 #endif               /* MODEL_HYSTERESIS */
-    for (int i = 0; i < NA; ++i) {
-        most[0] = fmax_1(most[0], of_v.most[i]);
-        off[0] = fmax_1(off[0], of_v.off[i]);
-        most[2] = fmax_1(most[2], of_q.most[i]);
-        off[2] = fmax_1(off[2], of_q.off[i]);
-    }
+    most[0] = fmax_1(most[0], largest(of_v.most, NA));
+    most[1] = fmax_1(most[1], largest(of_motors.most, NM));
+    most[2] = fmax_1(most[2], largest(of_q.most, NA));
+    off[0] = largest(of_v.off, NA);
+    off[1] = largest(of_motors.off, NM);
+    off[2] = largest(of_q.off, NA);
     for (int j = 0; j < NM; ++j) {
-        most[1] = fmax_1(most[1], of_motors.most[j]);
         most[3] = fmax_1(most[3], rotor_inertia[j] * of_motors.most[j]);
-        off[1] = fmax_1(off[1], of_motors.off[j]);
         off[3] = fmax_1(off[3], rotor_inertia[j] * of_motors.off[j]);
+        of_motors.off[j] /= sixty;
     }
-    for (ptrdiff_t k = 0; k < r->samples && MODEL_NE == 0; ++k) { /* the samples at the ends */
+#if MODEL_NE > 0
+    *of_torques = torque_error(r, of_motors.off);
+#else
+    *of_torques = 0.0;
+    for (ptrdiff_t k = 0; k < r->samples; ++k) { /* the samples at the ends */
         for (int i = 0; i < NA && (k < MARGIN || k + MARGIN >= r->samples); ++i) {
             real q[2 * MARGIN + 1], v[2 * MARGIN + 1];
             for (int j = 0; j <= 2 * MARGIN; ++j) {
@@ -909,6 +935,7 @@ static inline real kinematic_mismatch(const results *r)
             off[2] = fmax_1(off[2], fabs_1(sixty_differences(q + MARGIN, 1) - sixty * v[MARGIN]));
         }
     }
+#endif
     for (int i = 0; i < 4; ++i) { /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
         worst = fmax_1(worst, off[i] / (sixty * most[i]));
     }
@@ -1021,6 +1048,9 @@ static inline int motors_at_samples(const results *r, real *space)
         }
         store_samples(p.v_m, NM, used, r->v_m + at * NM);
         store_samples(p.a_m, NM, used, r->a_m + at * NM);
+        for (int j = 0; j < NM; ++j) {
+            r->most[j] = fmax_1(r->most[j], largest(p.tau_m[j], used));
+        }
     }
 #if MODEL_LUGRE
     if (r->tau_m != NULL && !add_bristles(r)) {
@@ -1110,6 +1140,7 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     const real *q_end, ptrdiff_t samples, problem_points *arm, model_motion *motion, whole_report *report, real *work)
 {
     results r;
+    real most[NM] = {0.0};
     int status;
 #if MODEL_LUGRE
     real held[NM] = {0.0};
@@ -1131,6 +1162,7 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     r.gear.stiffness = work + l->stiffness + BEFORE;
     r.gear.lagged = work + l->lagged + BEFORE;
     r.a_m = work + l->deflection;
+    r.most = most;
 #if MODEL_NE > 0
     r.m = m;
     r.a_node = work + l->a_node;
@@ -1145,7 +1177,7 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     if (status != MODEL_OK) {
         return (model_status)status;
     }
-    report->kinematic_mismatch = kinematic_mismatch(&r);
+    report->kinematic_mismatch = kinematic_mismatch(&r, &report->torque_error);
     if (r.samples < (ptrdiff_t)l->samples) {
         real end[NA];
         copy(q_end != NULL ? q_end : r.q_a + (r.samples - 1) * NA, NA, end);
@@ -1174,7 +1206,9 @@ static inline model_status finish(const model_samples *p, const model_inversion_
     }
 #endif /* MODEL_POSITION */
     return report->residual_at_samples <= sampled_tolerances * o->tolerance &&
-                   report->kinematic_mismatch <= mismatch_max ?
+                   report->kinematic_mismatch <= mismatch_max &&
+                   (report->torque_error <= torque_error_max ||
+                       report->residual_at_samples <= exact_tolerances * o->tolerance) ?
                MODEL_OK :
                MODEL_TOLERANCE_NOT_MET;
 }

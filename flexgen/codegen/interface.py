@@ -172,6 +172,13 @@ _GROWTH = Field(
     "largest growth of a perturbation along the motion, see the function growth: above about 100 the torques need "
     "feedback; NaN where the option growth is 0, or the motion grows beyond all numbers",
 )
+_TORQUE_ERROR = Field(
+    "torque_error",
+    "real",
+    (),
+    "1",
+    "estimate of the largest error of a motor torque by the mesh, relative to the largest torque of this motor",
+)
 STRUCTS: tuple[Struct, ...] = (
     Struct(
         "samples",
@@ -244,7 +251,7 @@ STRUCTS: tuple[Struct, ...] = (
             Field("own_q_start", "int", (), "1", "1: each has its own q_start; 0: all have the same"),
         ),
     ),
-    Struct("invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED, _GROWTH)),
+    Struct("invert_info", "What invert reports.", (*_FOUND, *_COUNTS, _SETTLED, _GROWTH, _TORQUE_ERROR)),
     Struct(
         "bvp_info",
         "What bvp reports.",

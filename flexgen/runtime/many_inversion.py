@@ -47,7 +47,7 @@ class Inversions:
     q_a, v_a, a_a, tau_g, q_m, v_m, tau_m : ndarray (problems, N, ...) or None
         As in the result of `Library.invert`; None where it is not among the outputs, NaN where the status is negative.
         Where a motion has ``settled``, all samples after it are those of the equilibrium.
-    residual, residual_at_samples, kinematic_mismatch, growth : ndarray (problems,)
+    residual, residual_at_samples, kinematic_mismatch, growth, torque_error : ndarray (problems,)
         As in the result of `Library.invert`.
     iterations, intervals, n_post : ndarray (problems,)
         The same.
@@ -78,6 +78,7 @@ class Inversions:
     q_m: np.ndarray | None = None
     v_m: np.ndarray | None = None
     tau_m: np.ndarray | None = None
+    torque_error: np.ndarray | None = None
     first: int = 0
     reduced: np.ndarray | None = None
     sentences: Mapping[int, str] = field(default_factory=dict, repr=False)

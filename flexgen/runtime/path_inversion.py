@@ -52,11 +52,12 @@ class Inversion:
     unstable_zeros_start, unstable_zeros_end : int
         Of `Library.bvp`: number of unstable zeros at the start and at the end; of `Library.invert` 0.
     converged : bool
-        Whether ``residual_at_samples`` is within 100 tolerances (in single precision within the tolerance) and
-        ``kinematic_mismatch`` below 0.02 (0.25): then the output is off by at most 10 tolerances, 1e-5 rad or m for
-        each meter of reach by default, the accuracy of `flexgen.solve`. If not, use a shorter period of the mesh: fewer
-        samples per interval, or a shorter sampling period. Without unactuated coordinates the residual is zero, and
-        only the mismatch is checked.
+        Whether ``residual_at_samples`` is within 100 tolerances (in single precision within the tolerance),
+        ``kinematic_mismatch`` below 0.02 (0.25), and ``torque_error`` within 0.001 or ``residual_at_samples`` within
+        a hundredth of the tolerance (the tolerance): then the output is off by at most 10 tolerances, 1e-5 rad or m
+        for each meter of reach by default, the accuracy of `flexgen.solve`. If not, use a shorter period of the mesh:
+        fewer samples per interval, or a shorter sampling period. Without unactuated coordinates the residual is zero,
+        and only the mismatch is checked.
     deviation_m, deviation_rad : float
         Of `Library.invert_limited`: largest distance [m] and angle [rad] from the given path; else 0.
     limit_excess : float
@@ -68,6 +69,9 @@ class Inversion:
     growth : float
         With ``growth=True``: largest growth of a perturbation along the motion, see `Library.growth`; where it is above
         about 100, only feedback keeps the robot on its path. Else NaN.
+    torque_error : float
+        Of `Library.invert`: estimate of the largest error of a motor torque by the mesh, relative to the largest torque
+        of this motor, from differences of what accelerates its rotor over quarters of an interval.
     deviation : ndarray (n, n_y) or None
         Of `Library.invert_limited`: deviation from the path at its samples [m, rad].
     command_m, command_g : ndarray (N, n_m), (N, n_g) or None
@@ -98,6 +102,7 @@ class Inversion:
     programs: int = 0
     limits_active: bool = False
     growth: float = math.nan
+    torque_error: float = math.nan
     deviation: np.ndarray | None = None
     command_m: np.ndarray | None = None
     command_g: np.ndarray | None = None

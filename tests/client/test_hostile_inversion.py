@@ -49,6 +49,7 @@ STEPS = 25  # of the solver, at most
 ON_PATH = 1e-8  # m, rad: of the tool at the samples, relative to the size of y
 SAMPLED = 1e2  # tolerances that OK allows at the samples, where the mesh meets one
 UNEVEN = 2e-2  # what OK allows, see `unevenness`
+TORQUE = 1e-3  # of the largest torque: what OK allows where the residual is above a hundredth of the tolerance
 OTHER_SCALE = 1.5  # the torques at rest that residuals are relative to, found in another way
 ROUNDING = 1e-9  # of residuals that are evaluated by other operations
 LAG = 1e-3  # of the largest gear torque: gears that follow at once lag by the square of 5e-3, and rounding
@@ -110,7 +111,8 @@ def all_places(call: Call, x: np.ndarray) -> np.ndarray:
 def check_results(target: Target, call: Call, answer: MethodResult) -> None:
     """What was found is true, by CasADi and by differences; it is exact, or the report says that it is not."""
     r, model, status = answer.results, target.equations.model, NAMES[answer.status]
-    mesh, between, kinematic_mismatch = answer.report
+    mesh, between, kinematic_mismatch, torque_error = answer.report
+    rough = torque_error > TORQUE and between > 0.01 * call.tolerance
     assert all(np.isfinite(x).all() for x in r.values()) and np.isfinite(answer.report).all()
     assert mesh <= call.tolerance
     wanted = all_places(call, call.y)
@@ -135,9 +137,9 @@ def check_results(target: Target, call: Call, answer: MethodResult) -> None:
         assert found <= OTHER_SCALE * between + allowed
         assert between <= OTHER_SCALE * found + allowed
     if status == "TOLERANCE_NOT_MET":
-        assert between > SAMPLED * call.tolerance or kinematic_mismatch > UNEVEN
+        assert between > SAMPLED * call.tolerance or kinematic_mismatch > UNEVEN or rough
         return
-    assert between <= SAMPLED * call.tolerance and kinematic_mismatch <= UNEVEN
+    assert between <= SAMPLED * call.tolerance and kinematic_mismatch <= UNEVEN and not rough
     for x, dy, least in (("q_a", "v_a", 1e-9), ("v_a", "a_a", 1e-6)):
         values = np.pad(r[x], ((at_rest, at_rest), (0, 0)), mode="edge" if x == "q_a" else "constant")
         rates = np.pad(r[dy], ((at_rest, at_rest), (0, 0)))

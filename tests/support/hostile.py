@@ -169,9 +169,8 @@ def invert(target: Target, call: Call) -> MethodResult:
     spilled = not all(untouched(block) for _, block in numbers.values())
     results = {key: arrays[key].reshape(total, -1) for key in OUTPUTS} if status >= 0 else {}
     info = structs["invert_info"].from_buffer(numbers["info"][0])
-    return MethodResult(
-        status, np.array([info.residual, info.residual_at_samples, info.kinematic_mismatch]), spilled, results
-    )
+    report = np.array([info.residual, info.residual_at_samples, info.kinematic_mismatch, info.torque_error])
+    return MethodResult(status, report, spilled, results)
 
 
 def guarded_struct(structure: type[ctypes.Structure], **members: Any) -> tuple[np.ndarray, np.ndarray]:

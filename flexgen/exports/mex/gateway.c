@@ -189,14 +189,15 @@ static void invert(int n_out, mxArray **out, int n_in, const mxArray **in)
     const model_status status = model_invert(&path, q_start, &options, &motion, &found, work, size);
     mxFree(work);
     check_status("invert", status);
-    static const char *fields[] = {
-        "status", "converged", "residual", "residual_at_samples", "kinematic_mismatch", "iterations", "intervals"};
-    out[7] = mxCreateStructMatrix(1, 1, 7, fields);
+    static const char *fields[] = {"status", "converged", "residual", "residual_at_samples", "kinematic_mismatch",
+        "torque_error", "iterations", "intervals"};
+    out[7] = mxCreateStructMatrix(1, 1, 8, fields);
     mxSetField(out[7], 0, "status", mxCreateString(name_of(status)));
     mxSetField(out[7], 0, "converged", mxCreateLogicalScalar(status == MODEL_OK));
     set(out[7], "residual", found.residual);
     set(out[7], "residual_at_samples", found.residual_at_samples);
     set(out[7], "kinematic_mismatch", found.kinematic_mismatch);
+    set(out[7], "torque_error", found.torque_error);
     set(out[7], "iterations", found.iterations);
     set(out[7], "intervals", found.intervals);
 }

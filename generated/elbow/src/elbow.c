@@ -55,7 +55,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "570413dce65bc1bfde07fd78e3c953226f75c3325755bce7c03e5780f5163061";
+    return "6937627cc8f09aa8559dd87bdaa266e273ded89ad325b0cddc72758d9663287d";
 }
 
 elbow_inversion_options elbow_inversion_defaults(void)

@@ -1148,7 +1148,7 @@ elbow_status elbow_invert_limited(const elbow_samples *samples, PARAMETERS_ARGUM
     const elbow_inversion_options *options, const elbow_inversion_limits *limits, elbow_motion *motion,
     elbow_invert_limited_info *info, real *work, int64_t work_size)
 {
-    whole_report report = {0, 0.0, 0.0, 0.0, 0, 0, 0};
+    whole_report report = {0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0};
     elbow_invert_limited_info found;
     elbow_invert_info inner;
     elbow_status status = ELBOW_NULL_ARGUMENT;
@@ -1161,13 +1161,10 @@ elbow_status elbow_invert_limited(const elbow_samples *samples, PARAMETERS_ARGUM
             samples, PASSED_PARAMETERS q_start, options, limits, motion, &found, &inner, &report, work, work_size);
     }
     if (report.is_set) {
+        *info = found;
         info->residual = inner.residual;
         info->residual_at_samples = inner.residual_at_samples;
         info->kinematic_mismatch = inner.kinematic_mismatch;
-        info->deviation_m = found.deviation_m;
-        info->deviation_rad = found.deviation_rad;
-        info->limit_excess = found.limit_excess;
-        info->programs = found.programs;
         info->iterations = inner.iterations;
         info->intervals = inner.intervals;
         info->n_post = inner.n_post;

@@ -355,7 +355,7 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
 /* What a solver finds on the way; the public functions give their part of it to the caller. */
 typedef struct {
     int is_set; /* the arguments are of the right sizes */
-    real residual, residual_at_samples, kinematic_mismatch;
+    real residual, residual_at_samples, kinematic_mismatch, torque_error;
     int iterations, intervals, n_post;
 } whole_report;
 
@@ -376,19 +376,15 @@ static inline elbow_status check_arguments(const elbow_samples *p, const real *p
         return ELBOW_WORK_TOO_SMALL;
     }
     report->is_set = 1;
-    report->residual = report->residual_at_samples = report->kinematic_mismatch = (real)NAN;
+    report->residual = report->residual_at_samples = report->kinematic_mismatch = report->torque_error = (real)NAN;
     report->iterations = report->intervals = 0;
     report->n_post = o->n_post;
     return check_path(p, parameters, q_start);
 }
 
-/*
- * Largest residual at the samples of a status OK, in tolerances. On the mesh it is within the tolerance; between its
- * nodes the motion is interpolated, and what is left there moves the output by at most 10 times the deflection of 0.01
- * rad or m that it is relative to (measured: 0.25 to 5.3 times, meshes of 20 to 160 ms). With the tolerance 1e-6 that
- * is 1e-5 rad, and m for each meter of reach: the accuracy of flexgen solve.
- */
-static const real sampled_tolerances = PRECISE(1e2, 1.0);
+/* largest residual at the samples of a status OK, in tolerances; the same where the error of a torque is larger */
+static const real sampled_tolerances = PRECISE(1e2, 1.0), exact_tolerances = PRECISE(1e-2, 1.0),
+                  torque_error_max = 1e-3;
 
 /* The results at the samples: arrays of the caller or of the workspace, sample after sample. */
 typedef struct {
@@ -397,7 +393,8 @@ typedef struct {
     ptrdiff_t samples; /* of the motion: n_pre + n + n_post, or fewer where it has settled */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
     gear_rows gear;
-    real *a_m; /* samples x NM: accelerations of the motors; where the deflections have been */
+    real *a_m;  /* samples x NM: accelerations of the motors; where the deflections have been */
+    real *most; /* NM: the largest torques of the motors */
 } results;
 
 /* The first `count` points of n entries, sample after sample; n: a constant. */
@@ -513,12 +510,11 @@ ELBOW_INLINE void add_column_maxima(
 
 /*
  * Kinematic mismatch: the largest difference between finite differences of positions and velocities and the velocities
- * and accelerations, relative to the largest of these. It is close to zero where the samples resolve the motion. It is
- * large where they are too far apart, or too close for the number of digits, where the path jumps, and where a singular
- * pose throws the arm back. A model without unactuated coordinates is at rest before and after the samples and is
- * checked at all of them.
+ * and accelerations, relative to the largest of these. It is large where they are too far apart, or too close for the
+ * number of digits, where the path jumps, and where a singular pose throws the arm back. A model without unactuated
+ * coordinates is at rest before and after the samples and is checked at all of them.
  */
-static inline real kinematic_mismatch(const results *r)
+static inline real kinematic_mismatch(const results *r, real *of_torques)
 {
     const real sixty = 60.0 * r->p->period;
     real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0; /* least that is measured */
@@ -526,19 +522,19 @@ static inline real kinematic_mismatch(const results *r)
     add_column_maxima(r->v_a, r->a_a, NA, r->samples, sixty, &of_v);
     add_column_maxima(r->q_a, r->v_a, NA, r->samples, sixty, &of_q);
     add_column_maxima(r->v_m, r->a_m, NM, r->samples, sixty, &of_motors);
-    for (int i = 0; i < NA; ++i) {
-        most[0] = fmax_1(most[0], of_v.most[i]);
-        off[0] = fmax_1(off[0], of_v.off[i]);
-        most[2] = fmax_1(most[2], of_q.most[i]);
-        off[2] = fmax_1(off[2], of_q.off[i]);
-    }
+    most[0] = fmax_1(most[0], largest(of_v.most, NA));
+    most[1] = fmax_1(most[1], largest(of_motors.most, NM));
+    most[2] = fmax_1(most[2], largest(of_q.most, NA));
+    off[0] = largest(of_v.off, NA);
+    off[1] = largest(of_motors.off, NM);
+    off[2] = largest(of_q.off, NA);
     for (int j = 0; j < NM; ++j) {
-        most[1] = fmax_1(most[1], of_motors.most[j]);
         most[3] = fmax_1(most[3], rotor_inertia[j] * of_motors.most[j]);
-        off[1] = fmax_1(off[1], of_motors.off[j]);
         off[3] = fmax_1(off[3], rotor_inertia[j] * of_motors.off[j]);
+        of_motors.off[j] /= sixty;
     }
-    for (ptrdiff_t k = 0; k < r->samples && ELBOW_NE == 0; ++k) { /* the samples at the ends */
+    *of_torques = 0.0;
+    for (ptrdiff_t k = 0; k < r->samples; ++k) { /* the samples at the ends */
         for (int i = 0; i < NA && (k < MARGIN || k + MARGIN >= r->samples); ++i) {
             real q[2 * MARGIN + 1], v[2 * MARGIN + 1];
             for (int j = 0; j <= 2 * MARGIN; ++j) {
@@ -601,6 +597,9 @@ static inline int motors_at_samples(const results *r, real *space)
         }
         store_samples(p.v_m, NM, used, r->v_m + at * NM);
         store_samples(p.a_m, NM, used, r->a_m + at * NM);
+        for (int j = 0; j < NM; ++j) {
+            r->most[j] = fmax_1(r->most[j], largest(p.tau_m[j], used));
+        }
     }
     return ELBOW_OK;
 }
@@ -662,6 +661,7 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
     const real *q_end, ptrdiff_t samples, problem_points *arm, elbow_motion *motion, whole_report *report, real *work)
 {
     results r;
+    real most[NM] = {0.0};
     int status;
     r.p = p;
     r.o = o;
@@ -679,6 +679,7 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
     r.gear.stiffness = work + l->stiffness + BEFORE;
     r.gear.lagged = work + l->lagged + BEFORE;
     r.a_m = work + l->deflection;
+    r.most = most;
     status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &report->residual_at_samples);
     if (status == ELBOW_OK) {
         status = motors_at_samples(&r, work + l->space);
@@ -686,7 +687,7 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
-    report->kinematic_mismatch = kinematic_mismatch(&r);
+    report->kinematic_mismatch = kinematic_mismatch(&r, &report->torque_error);
     if (r.samples < (ptrdiff_t)l->samples) {
         real end[NA];
         copy(q_end != NULL ? q_end : r.q_a + (r.samples - 1) * NA, NA, end);
@@ -700,7 +701,9 @@ static inline elbow_status finish(const elbow_samples *p, const elbow_inversion_
         hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
     }
     return report->residual_at_samples <= sampled_tolerances * o->tolerance &&
-                   report->kinematic_mismatch <= mismatch_max ?
+                   report->kinematic_mismatch <= mismatch_max &&
+                   (report->torque_error <= torque_error_max ||
+                       report->residual_at_samples <= exact_tolerances * o->tolerance) ?
                ELBOW_OK :
                ELBOW_TOLERANCE_NOT_MET;
 }
