@@ -31,12 +31,15 @@ class Verification:
         Where limits are active: largest distance of the simulated tool from the path, whatever the time.
     worst : float [rad, and m for each meter of reach, at most m]
         Largest error, from the planned output where limits are active.
+    defect : float [the same]
+        What the residuals between the samples do to the output without feedback; infinite where it is not known.
     """
 
     simulation: Simulation
     plan_error: tuple[float | None, float | None] | None
     path_distance_m: float | None
     worst: float
+    defect: float = np.inf
 
 
 def verify_by_simulation(
@@ -57,7 +60,11 @@ def verify_by_simulation(
         distance = path_distance(problem.equations, solution, simulation)
     size = min(1.0, reach(problem.equations))
     in_m, in_rad = plan or (simulation.tool_error_max_m, simulation.tool_error_max_rad)
-    return Verification(simulation, plan, distance, max((in_m or 0.0) / size, in_rad or 0.0))
+    worst, defect = max((in_m or 0.0) / size, in_rad or 0.0), np.inf
+    in_m, in_rad = simulation.defect_max_m, simulation.defect_max_rad
+    if in_m is not None or in_rad is not None:
+        defect = max((in_m or 0.0) / size, in_rad or 0.0)
+    return Verification(simulation, plan, distance, worst, defect)
 
 
 def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float | None, float | None]:

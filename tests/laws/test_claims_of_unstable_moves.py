@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from dataclasses import replace
 from itertools import pairwise
@@ -16,6 +17,7 @@ from whole_move import WholeMove
 
 import flexgen
 from flexgen.cli.main import main
+from flexgen.inversion.problem import ACCURACY
 from flexgen.loop.gains import PPI
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.reader import read
@@ -133,3 +135,27 @@ def test_the_error_two_seconds_after_the_end_is_the_simulated_one(name: str, mov
     found = largest(WholeMove(solution.model).errors(solution.trajectory, (2.0,))[0])
     assert abs(found - claimed) <= SHARE * claimed + SMALL, (found, claimed)
     assert " until 2 s" in str(solution)
+
+
+@pytest.mark.slow
+def test_a_feedback_hides_no_wrong_torque(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Corners of a program leave short residuals that do nothing; planted: torques that are 0.1 % too large."""
+    steps = "".join(
+        f'[[program.step]]\ntype = "MoveJ"\nend_deg = {end}\npause = 0.1\n' for end in ([92.0, -5.0], [105.0, -30.0])
+    )
+    profile = "joint_profile_rad = [6.0, 120.0, 8000.0, 1e6]\n"
+    file, solve_module = tmp_path / "upright.toml", importlib.import_module("flexgen.inversion.solve")
+    program = f'[[program]]\nname = "steps"\nstart_deg = [80.0, 20.0]\n{profile}{steps}'
+    file.write_text((ROBOTS / "upright.toml").read_text() + program)
+    equations, right = derive(file), solve_module.run_method
+    solution = flexgen.solve(equations, "steps", "lq")
+    assert solution.status == flexgen.Status.SOLVED and solution.residual_relative > solve_module.RESIDUAL
+    assert false_claims(solution) == []
+
+    def too_large(*given: Any) -> Any:
+        found = right(*given)
+        return replace(found, motors=replace(found.motors, tau_m=1.001 * found.motors.tau_m))
+
+    monkeypatch.setattr(solve_module, "run_method", too_large)
+    wrong = flexgen.solve(equations, "steps", "lq")
+    assert claimed_error(wrong) < ACCURACY and wrong.status == flexgen.Status.TOLERANCE_NOT_MET

@@ -18,6 +18,7 @@ from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.limits import Limits
+from flexgen.simulation.motor_feedback import MotorFeedback
 from flexgen.simulation.result import Simulation
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -32,6 +33,9 @@ def channels(model: Any, **values: np.ndarray) -> Trajectory:
     found = {name: np.zeros((len(T), n)) for name, n in widths.items()} | values
     ports = {name: Port(name, (x.shape[1],), "rad", "made up") for name, x in found.items()}
     return Trajectory(T, found, ports, {n: tuple(f"{k}" for k in range(x.shape[1])) for n, x in found.items()}, {})
+
+
+HERTZ = ("position_hz", "speed_hz", "integral_hz")
 
 
 def made(model: Any, trajectory: Trajectory | None = None, **values: Any) -> Solution:
@@ -150,8 +154,28 @@ def test_the_residual_that_is_small_depends_on_the_method() -> None:
     assert solve._with_ripple(made(model, residual_relative=solve.RIPPLE)).warnings == ()
     warnings = solve._with_ripple(made(model, residual_relative=2 * solve.RIPPLE, warnings=("a",))).warnings
     assert warnings[0] == "a" and f"relative residual {2 * solve.RIPPLE:.1e} between them" in warnings[1]
-    exact = made(model, simulation=simulated(model), residual_relative=1.0)
-    assert solve._is_exact(exact) and solve._is_exact(made(model, residual_relative=1.0))
+
+
+@pytest.mark.parametrize(
+    ("residual", "defect", "guided", "status"),
+    [
+        (1.0, 1.01e-5, True, Status.TOLERANCE_NOT_MET),
+        (1.0, 1e-5, True, Status.SOLVED),
+        (solve.RESIDUAL, 1.0, True, Status.SOLVED),
+        (1.0, 1.0, False, Status.SOLVED),
+    ],
+)
+def test_under_a_feedback_the_residual_or_the_defect_is_small(
+    residual: float, defect: float, guided: bool, status: Status, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = flexgen.read("planar5_nmp")
+    run = simulated(model, feedback=MotorFeedback(*4 * (np.ones(2),), dict.fromkeys(HERTZ, 1.0)) if guided else None)
+    checked = verification.Verification(run, None, None, 1e-6, defect)
+    monkeypatch.setattr(solve, "run_method", lambda *_: None)
+    monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, residual_relative=residual))
+    monkeypatch.setattr(solve, "verify_by_simulation", lambda *_: checked)
+    reached = Made(keep=lambda *_: None)
+    assert solve._refine(Problem(), find_method("lq"), reached).status == status  # type: ignore[arg-type,call-overload]
 
 
 def test_a_refusal_names_what_is_off() -> None:
