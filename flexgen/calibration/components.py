@@ -129,9 +129,16 @@ def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
         return 0.5 * ((r * z).sum() + np.linalg.slogdet(sigma)[1].sum()), 0.5 * np.array(slope)
 
     start = np.log([max((r**2).mean(), 1e-18), *3 * [START_TILT**2]])
-    bounds = [(x - 25.0, x + 10.0) for x in start]
-    found = minimize(value, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    return float(found.fun), np.asarray(found.x)
+
+    def search(below: float, above: float) -> tuple[float, np.ndarray]:
+        bounds = [(x - below, x + above) for x in start]
+        found = minimize(value, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return float(found.fun), np.asarray(found.x)
+
+    try:
+        return search(25.0, 10.0)
+    except np.linalg.LinAlgError:  # a step went so far that Sigma is singular to rounding
+        return search(12.0, 4.0)
 
 
 def _turns(element: str) -> list[str]:

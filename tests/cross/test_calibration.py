@@ -181,6 +181,19 @@ def test_a_tilt_from_pose_to_pose_is_found() -> None:
     assert components.seen_others(statics, numbers, rest, seen, wrong).mean() > 1.3 * others
 
 
+def test_a_tilt_is_found_though_the_search_meets_a_singular_covariance() -> None:
+    """Two points that only a tilt about x moves, with noise 1e-4 of it: a step of the search leaves the numbers."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1.0, 1.0, (24, 2, 3))
+    B = np.moveaxis([np.cross(axis, points) for axis in np.eye(3)], 0, -1).reshape(24, 6, 3)
+    tilts = 1e-3 * rng.normal(size=(24, 3, 1)) * [[1.0], [0.0], [0.0]]
+    r = (B @ tilts)[..., 0] + 1e-7 * rng.normal(size=(24, 6))
+    _, x = components._likelihood(r, B)
+    sd = np.exp(x / 2)
+    assert sd[1] == pytest.approx(np.sqrt((tilts[:, 0] ** 2).mean()), rel=0.05)
+    assert max(sd[2:]) < 0.01 * sd[1]
+
+
 @pytest.mark.slow
 def test_a_wrong_mechanism_asks_for_negative_compliance() -> None:
     """The chest turned by the commanded angles instead of the actual ones: warned, by name; the right model is not."""
