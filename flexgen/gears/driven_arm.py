@@ -2,7 +2,7 @@
 
 Motor angles q_m(t) are given, and with them the joints behind rigid gears. The other coordinates follow,
 
-    M_FF a_F = forces_F - M_FI a_I - ...,    z' = K_h (d' - |d'| z/W),
+    M_FF a_F = forces_F - M_FI a_I - ...,    z' of each element: see `flexgen.memory.hysteresis_law`,
 
 and the rows of the motors give their torques. Springs hold the arm to its motors, so that errors of the model do not
 grow over a long record, as they do in a simulation under recorded torques.
@@ -35,6 +35,20 @@ NEWTON_STEPS, AT_REST = 50, 1e-12
 
 
 @dataclass(frozen=True)
+class Element:
+    """An element of hysteresis: number of its ``gear``, where the search begins, and the numbers of its law.
+
+    ``K_h`` [N m/rad, arm side], ``lost`` motion [rad or m], ``exponent`` and ``gamma``.
+    """
+
+    gear: int
+    K_h: float
+    lost: float
+    exponent: float = 1.0
+    gamma: float = 0.0
+
+
+@dataclass(frozen=True)
 class MotorMotion:
     """Motor angles as a curve: ``time`` (n,) [s] at equal steps, and a quintic spline through the angles."""
 
@@ -60,16 +74,19 @@ class MotorMotion:
 class DrivenArm:
     """Simulates the arm of a model without hysteresis, to some of whose gears hysteresis is added.
 
-    Numbers p of a simulation: the parameters of the equations, then K_h and W of these gears, arm side, then the
-    coefficients of cosines and of sines of the transmission errors, gear by gear, then the largest rate K_h |d'|/W
-    [1/s] of a hysteresis: a faster one, of a narrow loop, is slowed down to it for the explicit integration.
+    Numbers p of a simulation: the parameters of the equations, then K_h and W of the elements of hysteresis, arm side,
+    and their exponents where these are fitted, then the coefficients of cosines and of sines of the transmission
+    errors, gear by gear, then the largest rate n K_h |d'|/W [1/s] of an element: a faster one, of a narrow loop, is
+    slowed down to it for the explicit integration.
 
     Parameters
     ----------
     equations : Equations
         With the numbers that may change as parameters; without transmission errors where they are added.
-    gears : sequence of int
-        Which gears have hysteresis.
+    elements : sequence of Element
+        Of hysteresis.
+    fitted : bool
+        Exponents are numbers of a simulation.
     errors : sequence of int
         Which gears have a transmission error.
     harmonics : sequence of int
@@ -77,11 +94,16 @@ class DrivenArm:
     """
 
     def __init__(
-        self, equations: Equations, gears: Sequence[int], errors: Sequence[int] = (), harmonics: Sequence[int] = ()
+        self,
+        equations: Equations,
+        elements: Sequence[Element],
+        fitted: bool = False,
+        errors: Sequence[int] = (),
+        harmonics: Sequence[int] = (),
     ) -> None:
         coefficients = ca.SX.sym("e", len(errors) * 2 * len(harmonics))
         equations = _with_errors(equations, errors, harmonics, coefficients)
-        model, count, i_g = equations.model, len(gears), list(equations.model.i_g)
+        model, count, i_g = equations.model, len(elements), list(equations.model.i_g)
         lag, (y, dy, ddy), inverse = equations.lagrangian, equations.y, np.linalg.inv(equations.model.eta)
         rigid = [k for k, (gear, _) in enumerate(gears_of(model)) if gear.rigid]
         imposed = [i_g[k] for k in rigid] + [model.n_a + k for k in range(len(model.i_m))]
@@ -91,8 +113,8 @@ class DrivenArm:
         q_m, v_m, a_m = ca.vertsplit(motors, model.n_m)
         K_h, W = ca.SX.sym("K_h", count), ca.SX.sym("W", count)
         z = ca.SX.zeros(model.n_g)
-        for k, gear in enumerate(gears):
-            z[gear] = known[k]
+        for k, element in enumerate(elements):
+            z[element.gear] += known[k]
 
         behind_rigid = [j for j in range(model.n_m) if j not in model.i_m]  # motors without a coordinate of their own
         symbols = [lag.tau_m, y[imposed], dy[imposed], ddy[imposed], ddy[free], *(lag.q_m[j] for j in behind_rigid)]
@@ -106,12 +128,16 @@ class DrivenArm:
         residual, mass, B, rate, deflection = ca.substitute(terms, [symbols], [values])
         acceleration = solve_symmetric(mass[free, free], -residual[free])
         need = residual[imposed] + ca.mtimes(mass[imposed, free], acceleration)
-        rate = ca.vertcat(ca.SX(0, 1), *(rate[k] for k in gears))
+        rate = ca.vertcat(ca.SX(0, 1), *(rate[element.gear] for element in elements))
         x = ca.vertcat(y[free], dy[free], known)
         largest = ca.SX.sym("largest")
-        p = ca.vertcat(equations.symbols, K_h, W, coefficients, largest)
-        slower = largest * W / ca.fmax(largest * W, K_h * ca.fabs(rate))
-        dx = ca.vertcat(dy[free], acceleration, slower * K_h * element_rate(rate, known, W, 1.0, 0.0))
+        shapes = ca.SX.sym("n", count if fitted else 0)
+        exponents = ca.vertsplit(shapes) if fitted else [element.exponent for element in elements]
+        p = ca.vertcat(equations.symbols, K_h, W, shapes, coefficients, largest)
+        slower = largest * W / ca.fmax(largest * W, ca.vertcat(ca.SX(0, 1), *exponents) * K_h * ca.fabs(rate))
+        laws = zip(exponents, elements, strict=True)
+        rates = [element_rate(rate[k], known[k], W[k], n, each.gamma) for k, (n, each) in enumerate(laws)]
+        dx = ca.vertcat(dy[free], acceleration, slower * K_h * ca.vertcat(ca.SX(0, 1), *rates))
 
         def function(name: str, output: ca.SX) -> ca.Function:
             return ca.Function(name, [x, motors, p], [ca.cse(ca.densify(output))])

@@ -2,10 +2,10 @@
 
     min over theta of sum over f, j of |tau_j(f) - tau_j(f; q_m, theta)|^2 / S_j(f)
 
-theta: parameters of the model and K_h of each gear over their values at the start, its lost motion, and coefficients
-of its transmission error; then, linear in the torque, a viscous and a Coulomb friction, a constant torque and the
-cogging of each motor in addition to the model, and the time by which torques are recorded late. S: density of the
-residuals, at first that of the noise of the angles.
+theta: parameters of the model and K_h of each element of hysteresis, and its exponent, over their values at the start,
+its lost motion, and coefficients of transmission errors; then, linear in the torque, a viscous and a Coulomb friction,
+a constant torque and the cogging of each motor in addition to the model, and the time by which torques are recorded
+late. S: density of the residuals, at first that of the noise of the angles.
 
 The noise of the angles is in the regressors, too, and least squares would choose the parameters that pass least of it.
 So its part in the normal equations is subtracted: that of as much noise that is added to the record,
@@ -31,12 +31,13 @@ from scipy.signal import welch
 from scipy.signal.windows import tukey
 
 from flexgen.errors import ArgumentError
-from flexgen.gears.driven_arm import DrivenArm, MotorMotion
+from flexgen.gears.driven_arm import DrivenArm, Element, MotorMotion
 from flexgen.gears.signals import Signals
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.parameters import with_values
 from flexgen.numerics.trust_region import Sums, minimize
+from flexgen.spec.memory import SHARPEST
 
 STEP = 1e-3  # of differences in numbers over their values at the start, and lost motions
 REACH = 30.0  # of these, at most; the least is its inverse
@@ -59,6 +60,8 @@ FREE = 1e6  # standard deviation of priors that say nothing
 FLOOR = (2e-3, 1e-4)  # of the torques: residuals that are not weighted as if they were smaller, at first and later
 PIECE = 512  # samples of the pieces whose mean is a density
 TAPER = 0.05  # of the record, in which both ends are faded
+BANDS, LOWEST, EXCESS_DRAWS = 8, 0.04, 4  # of frequency; end of the first over that of all; samples of noise in them
+ROUNDING = 2.5e-6  # of the torques: errors of the simulation in a band
 FRICTIONS = 3  # regressors of each motor besides cogging: viscous, Coulomb, constant
 ERROR_STEP = 1e-6  # rad or m, of differences in a transmission error
 
@@ -77,16 +80,20 @@ class Estimate:
 class Sought:
     """What is fitted besides the parameters of the equations.
 
-    ``gears``: those with hysteresis, ``K_h`` [N m/rad, arm side] and ``lost`` motion [rad or m] where the search
-    begins; ``errors``: gears with a transmission error, of these ``harmonics``; ``cogging``: harmonics of all motors.
+    ``elements``: of hysteresis; ``exponents``: whether theirs are fitted; ``errors``: gears with a transmission error,
+    of these ``harmonics``; ``cogging``: harmonics of all motors.
     """
 
-    gears: tuple[int, ...]
-    K_h: np.ndarray
-    lost: np.ndarray
+    elements: tuple[Element, ...]
+    exponents: bool = False
     errors: tuple[int, ...] = ()
     harmonics: tuple[int, ...] = ()
     cogging: tuple[int, ...] = ()
+
+    @property
+    def gears(self) -> tuple[int, ...]:
+        """Those with hysteresis."""
+        return tuple(dict.fromkeys(element.gear for element in self.elements))
 
 
 class GearModel:
@@ -104,21 +111,27 @@ class GearModel:
         self.equations, self.sought, self.signals = equations, sought, signals
         self.names = tuple(parameter.name for parameter in equations.parameters)
         values = np.array([parameter.value for parameter in equations.parameters])
-        self.n_m, self.count = equations.model.n_m, len(sought.gears)
-        self.parts = len(values) + self.count  # entries of theta: over their start, lost motions, errors, linear ones
+        start = np.array([(each.K_h, each.exponent, each.lost) for each in sought.elements]).reshape(-1, 3)
+        self.at = [each.gear for each in sought.elements]
+        self.n_m, self.count = equations.model.n_m, len(start)
+        # entries of theta: over their start (parameters, K_h, exponents), lost motions, errors, linear ones
+        self.shapes = len(values) + self.count
+        self.parts = self.shapes + self.count * sought.exponents
         self.errors = self.parts + self.count
         self.bent = self.errors + 2 * len(sought.errors) * len(sought.harmonics)  # of which the simulation depends
         linear = (FRICTIONS + 2 * len(sought.cogging)) * self.n_m + 1
         self.start = np.zeros(self.bent + linear)
         self.units = np.ones(len(self.start))
-        self.units[: self.errors] = np.concatenate([values, sought.K_h, np.full(self.count, LOST)])
+        self.units[: self.shapes] = np.concatenate([values, start[:, 0]])
+        self.units[self.shapes : self.parts] = start[: self.parts - self.shapes, 1]
+        self.units[self.parts : self.errors] = LOST
         self.start[: self.parts] = 1.0
-        self.start[self.parts : self.errors] = np.clip(sought.lost / LOST, LEAST_LOST, MOST_LOST)
-        self.arm = DrivenArm(equations, sought.gears, sought.errors, sought.harmonics)
+        self.start[self.parts : self.errors] = np.clip(start[:, 2] / LOST, LEAST_LOST, MOST_LOST)
+        self.arm = DrivenArm(equations, sought.elements, sought.exponents, sought.errors, sought.harmonics)
         self.motion = MotorMotion.through(signals.time, signals.q_m)
         poses = signals.q_m[np.linspace(0, len(signals.time) - 1, POSES).astype(int)]
         steep = self.start.copy()
-        steep[len(values) : self.parts] *= STIFFER
+        steep[len(values) : self.shapes] *= STIFFER
         self.largest = 1e12
         self.segments = self.arm.segments(signals.sample_s, self.arm.fastest(poses, self.numbers(steep)))
         self.largest = SLOWEST / self.segments.step
@@ -130,10 +143,10 @@ class GearModel:
     def numbers(self, theta: np.ndarray) -> np.ndarray:
         """Numbers of the driven arm."""
         found, n = self.units * theta, len(self.names)
-        values, K_h, lost, errors = np.split(found[: self.bent], [n, self.parts, self.errors])
+        values, K_h, shapes, lost, errors = np.split(found[: self.bent], [n, self.shapes, self.parts, self.errors])
         model = with_values(self.equations.model, dict(zip(self.names, values.tolist(), strict=True)))
-        W = lost * gear_stiffness(model, np.inf)[list(self.sought.gears)] / 2
-        return np.concatenate([values, K_h, W, errors, [self.largest]])
+        W = lost * gear_stiffness(model, np.inf)[self.at] / 2
+        return np.concatenate([values, K_h, W, shapes, errors, [self.largest]])
 
     def torques(self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None) -> np.ndarray:
         """Torques (points, k, n_m) in the band, from where the start is forgotten; ``start``: a state (n_x,)."""
@@ -189,12 +202,34 @@ class GearModel:
         """Standard deviation (n_m,) of residuals that are noise of angles and torques [N m]."""
         return np.asarray(np.hypot(self.change_by_noise(theta).std(axis=0), self.signals.torque_noise))
 
+    def excess(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Residuals over what noise explains, root mean square, the largest of all bands of frequency (n_m,).
+
+        A wrong law shows at the frequencies of the motion, where noise of angles makes hardly any torque: a loop of
+        another shape is 1e-5 of the torque there, behind noise of 1e-3 in all.
+        """
+        n, signals = len(error), self.signals
+        own = self.torques([theta], self.motion)[0]
+        drawn = [self.torques([theta], self.more_noise(seed))[0] - own for seed in range(EXCESS_DRAWS)]
+        f = np.fft.rfftfreq(n, signals.sample_s)
+        first = np.searchsorted(f, signals.band_hz * np.concatenate([[0.0], np.geomspace(LOWEST, 1.0, BANDS)]))
+        of_bands = n**2 * signals.torque_noise**2 / 2 * np.diff(first)[:, None] / first[-1]
+
+        def power(x: np.ndarray) -> np.ndarray:
+            lines = np.abs(np.fft.rfft(x * tukey(n, TAPER)[:, None], axis=0)) ** 2
+            return np.add.reduceat(lines[: first[-1]], first[:-1], axis=0)
+
+        least = (n * ROUNDING * np.std(self.measured, axis=0)) ** 2 / 2
+        return np.sqrt(power(error) / (np.mean([power(x) for x in drawn], axis=0) + of_bands + least)).max(axis=0)
+
     def loops(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Deflections, torques of the hysteresis, and these with the residuals: (k, gears, 3), arm side."""
+        """Deflections of gears, torques of their elements, and these with the residuals: (k, gears, 3), arm side."""
         p, gears, at = self.numbers(theta), list(self.sought.gears), self.motion.at(self.motion.time)
         x = self._simulate(p, self.motion.inputs(self.segments.steps), self.arm.rest(at[0, : self.n_m], p))
         kept = slice(self.signals.margin + self.first, len(at) - self.signals.margin)
-        d, z = self.arm.deflections(x[kept], at[kept], p)[:, gears], x[kept, x.shape[1] - self.count :]
+        each = x[kept, x.shape[1] - self.count :]
+        z = each @ np.equal.outer(self.at, gears)
+        d = self.arm.deflections(x[kept], at[kept], p)[:, gears]
         return np.stack([d, z, z - (error @ self.equations.model.eta)[:, gears]], axis=2)
 
     def _simulate(self, p: np.ndarray, inputs: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -207,7 +242,7 @@ class GearModel:
         p, n, at = self.numbers(self.start), len(self.arm.free), self.motion.at(self.motion.time[:1])[0]
         rest = self.arm.rest(at[: self.n_m], p)
         moving, full = rest.copy(), rest.copy()
-        slip = p[self.parts : self.errors]
+        slip = p[self.shapes : self.shapes + self.count]
         moving[2 * n :], full[2 * n :] = -slip, slip
         moving[n : 2 * n] = self.arm.joint_speeds(at[self.n_m : 2 * self.n_m])
         first, second = (self.torques([self.start], self.motion, x)[0] for x in (moving, full))
@@ -284,14 +319,16 @@ def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest theta."""
     lower, upper = np.full(len(model.start), -np.inf), np.full(len(model.start), np.inf)
     lower[: model.parts], upper[: model.parts] = 1 / REACH, REACH
-    lower[model.parts - model.count : model.parts] = STIFF
+    lower[model.shapes - model.count : model.shapes] = STIFF
+    exponent = model.units[model.shapes : model.parts]
+    lower[model.shapes : model.parts], upper[model.shapes : model.parts] = 1.0 / exponent, SHARPEST / exponent
     lower[model.parts : model.errors], upper[model.parts : model.errors] = LEAST_LOST, MOST_LOST
     return lower, upper
 
 
 def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-    """Fix gears at no hysteresis whose loop is narrow, or whose K_h is at a bound, as part of a spring; whether any."""
-    n, any_dropped = model.parts - model.count, False
+    """Fix elements at none whose loop is narrow, or whose K_h is at a bound, as part of a spring; whether any."""
+    n, any_dropped = model.shapes - model.count, False
     for k in range(model.count):
         K_h, lost = n + k, model.parts + k
         inside = lower[K_h] * NEAR < theta[K_h] < upper[K_h] / NEAR and theta[lost] > NO_LOST
@@ -299,6 +336,8 @@ def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndar
             theta[K_h], theta[lost], any_dropped = 1.0, LEAST_LOST, True
             lower[K_h] = upper[K_h] = 1.0
             lower[lost] = upper[lost] = LEAST_LOST
+            shape = slice(model.shapes + k, model.shapes + k + model.sought.exponents)
+            theta[shape] = lower[shape] = upper[shape] = 1.0
     return any_dropped
 
 

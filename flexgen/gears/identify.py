@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
+from flexgen.gears.driven_arm import Element
 from flexgen.gears.fit import FRICTIONS, LOST, NO_LOST, Estimate, GearModel, Sought, estimate
 from flexgen.gears.result import WEAK, GearFit, GearStatus, Number
 from flexgen.gears.signals import signals_of
@@ -18,15 +19,19 @@ from flexgen.mechanics.equations import derive, robot_of
 from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.lagrangian import gears as gears_of
 from flexgen.mechanics.parameters import Parameter, select
-from flexgen.memory.hysteresis import gear_hysteresis, refuse_curved, without_hysteresis
+from flexgen.memory.hysteresis import gear_layers, without_hysteresis
+from flexgen.memory.hysteresis_law import is_dahl
 from flexgen.model.elements import Coordinate, RobotModel
+from flexgen.model.format_robot import ELEMENTS
 from flexgen.model.friction import hysteretic_joints, refuse_harmonics
 from flexgen.progress import Choice, reported
 from flexgen.spec.fourier import HIGHEST, MOST
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_types
 
+SHARP = 2.0  # exponent where the search for it begins, at least
 NOISE, LEAST = 1.5, 5e-4  # residuals over those that noise explains, and over the torques: more is a model error
+EXCESS = 3.0  # the same in a band of frequencies
 
 
 @checked_types(own=("band_hz", "harmonics", "cogging"))
@@ -37,6 +42,8 @@ def identify_gears(
     *,
     joints: Sequence[str] | None = None,
     hysteresis: bool = True,
+    elements: int | None = None,
+    exponents: bool = False,
     harmonics: Sequence[int] = (),
     cogging: Sequence[int] = (),
     free: Sequence[str] | None = None,
@@ -59,6 +66,10 @@ def identify_gears(
         Those whose gears are identified; default: all with an elastic gear.
     hysteresis : bool
         Fit their hysteresis.
+    elements : int, optional
+        Elements of each gear; default: those of the model, and one where it has none.
+    exponents : bool
+        Fit how sharply elements begin to slip, too; else exponents are those of the model, as ``gamma`` always is.
     harmonics : sequence of int
         Of the transmission errors of these gears, periods in a turn of the motor; default: none.
     cogging : sequence of int
@@ -93,7 +104,6 @@ def identify_gears(
     tell: Callable[[str], None] = progress if callable(progress) else lambda line: None
     robot = robot_of(model)
     refuse_harmonics(robot, "identify_gears")
-    refuse_curved(robot, "identify_gears")
     record = record if isinstance(record, Trajectory) else Trajectory.load(record)
     signals = signals_of(record, robot.n_m, band_hz)
     chosen = _choose(robot, joints)
@@ -109,13 +119,26 @@ def identify_gears(
     free = [f"{name}.{kind}" for name in names for kind in ("stiffness", "damping")] if free is None else list(free)
     plain = without_hysteresis(robot)
     fitted = [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
-    law, K, at = gear_hysteresis(robot), gear_stiffness(plain, np.inf), list(gears)
-    K_h = np.where(law.present, law.stiffness, K)[at]
-    lost = np.where(law.present, 2 * law.slip / K, LOST)[at]
     orders, of_motors = _orders("harmonics", harmonics), _orders("cogging", cogging)
-    sought = Sought(gears, K_h, lost, chosen if orders else (), orders, of_motors)
+    first = _first_elements(robot, gears, elements, exponents)
+    sought = Sought(first, exponents, chosen if orders else (), orders, of_motors)
     fit = GearModel(derive(plain, [parameter.name for parameter in fitted]), sought, signals)
     return _result(robot, fitted, fit, estimate(fit, tell))
+
+
+def _first_elements(robot: RobotModel, gears: Sequence[int], count: int | None, exponents: bool) -> tuple[Element, ...]:
+    """Elements of the gears where the search begins: those of the model where it has so many."""
+    if count is not None and (count is True or not 1 <= count <= ELEMENTS):
+        raise ArgumentError(f"elements: given {show_value(count)}, expected a whole number from 1 to {ELEMENTS}")
+    K, out = gear_stiffness(without_hysteresis(robot), np.inf), []
+    for k in gears:
+        of_model = [(x.stiffness[k], x.slip[k], x.exponent[k], x.gamma[k]) for x in gear_layers(robot) if x.present[k]]
+        found = [Element(k, K_h, 2 * slip / K[k], n, gamma) for K_h, slip, n, gamma in of_model]
+        if count not in (None, len(found)) or not found:
+            n = count or 1
+            found = [Element(k, K[k] / n, LOST * 2.0 ** (j - (n - 1) / 2)) for j in range(n)]
+        out += [replace(each, exponent=max(each.exponent, SHARP)) if exponents else each for each in found]
+    return tuple(out)
 
 
 def _orders(name: str, given: Sequence[int]) -> tuple[int, ...]:
@@ -150,17 +173,20 @@ def _result(robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, foun
     status = GearStatus.FITTED
     if not found.converged or not np.isfinite(found.covariance).all():
         status = GearStatus.NOT_CONVERGED
-    if (error > np.hypot(NOISE * noise, LEAST * size)).any():
+    wrong = error > np.hypot(NOISE * noise, LEAST * size)
+    if wrong.any() or (fit.excess(found.theta, found.error) > EXCESS).any():
         status = GearStatus.MODEL_ERROR
+    numbers = _Numbers(robot, fitted, fit, found)
     return GearFit(
         robot=robot,
-        numbers=_Numbers(robot, fitted, fit, found).all(),
+        numbers=numbers.all(),
         status=status,
         unexplained=error,
         noise=noise,
         band_hz=fit.signals.band_hz,
         delay_s=float(found.theta[-1]),
         joints=tuple(robot.coordinates[robot.i_g[k]].name for k in fit.sought.gears),
+        laws=numbers.laws(),
         loops=fit.loops(found.theta, found.error),
         harmonics=fit.sought.harmonics,
         cogging=fit.sought.cogging,
@@ -190,20 +216,47 @@ class _Numbers:
         return [Number(p.name, x, sd, p.unit, (p.key, "", -1), sd < WEAK * x) for p, x, sd in found]
 
     def _hysteresis(self) -> list[Number]:
-        out, n, count = [], len(self.fitted), len(self.fit.sought.gears)
-        for at, k in enumerate(self.fit.sought.gears):
+        out, fit = [], self.fit
+        for k, at in self._elements():
             joint, key = self._joint(k)
             unit, ratio = joint.unit, gears_of(self.robot)[k][1]
-            lost, (K_h, sd) = self._at(n + count + at), self._at(n + at)
-            stiff = K_h / ratio**2, sd / ratio**2
-            known = all(sd < WEAK * x for x, sd in (lost, stiff)) and lost[0] > NO_LOST * LOST
-            for name, own, found in (
-                ("lost_motion", unit, lost),
-                ("stiffness", "N/m" if unit == "m" and ratio == 1.0 else "N m/rad", stiff),
-            ):
-                change = (f"{key}.hysteresis", name, -1)
-                out.append(Number(f"{joint.name}.hysteresis.{name}", *found, own, change, known))
+            rows = [("lost_motion", unit, 1.0, fit.parts)]
+            rows.append(("stiffness", "N/m" if unit == "m" and ratio == 1.0 else "N m/rad", ratio**2, len(self.fitted)))
+            shape = [("exponent", "", 1.0, fit.shapes)] * fit.sought.exponents
+            sums = [self._sum_of([first + each for each in at], scale) for _, _, scale, first in rows]
+            wide = self.found.theta[[fit.parts + each for each in at]] > NO_LOST
+            known = bool(wide.all()) and all(sd < WEAK * x for x, sd in sums)
+            for (name, own, _, _), found in zip(rows, sums, strict=True):
+                if len(at) > 1:
+                    out.append(Number(f"{joint.name}.hysteresis.{name}", *found, own, ("", "", -1), known))
+            for n, each in enumerate(at):
+                for name, own, scale, first in (*rows, *shape):
+                    label = name if len(at) == 1 else f"{name}_{n + 1}"
+                    change = (f"{key}.hysteresis", name, n)
+                    found = self._sum_of([first + each], scale)
+                    out.append(Number(f"{joint.name}.hysteresis.{label}", *found, own, change, known))
         return out
+
+    def _elements(self) -> list[tuple[int, list[int]]]:
+        """Gears and the numbers of their elements."""
+        return [(k, [n for n, gear in enumerate(self.fit.at) if gear == k]) for k in self.fit.sought.gears]
+
+    def laws(self) -> dict[str, tuple[dict[str, float], ...]]:
+        """Exponent and gamma of the elements of gears that are not Dahl's, and not fitted, in `GearFit.changes`."""
+        out = {}
+        for k, at in self._elements():
+            elements = [self.fit.sought.elements[n] for n in at]
+            out[f"{self._joint(k)[1]}.hysteresis"] = tuple(
+                {} if is_dahl(each.exponent, each.gamma) else {"exponent": each.exponent, "gamma": each.gamma}
+                for each in elements
+            )
+        return out
+
+    def _sum_of(self, entries: Sequence[int], scale: float) -> tuple[float, float]:
+        """The sum of numbers of one kind over a scale, and its standard deviation."""
+        at, units = list(entries), self.fit.units[entries] / scale
+        variance = units @ self.found.covariance[np.ix_(at, at)] @ units
+        return float(units @ self.found.theta[at]), float(np.sqrt(max(variance, 0.0)))
 
     def _errors(self) -> list[Number]:
         out, k, orders = [], self.fit.errors, self.fit.sought.harmonics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -45,8 +45,8 @@ class GearStatus(ExplainedStatus):
 class Number:
     """A number that was identified: ``value`` and standard deviation ``sd``; ``change``: where the model has it.
 
-    ``change``: dotted key of the model file, the key in its table or an empty text, and the index in its list or -1.
-    ``determined``: by itself, or as an amplitude together with others.
+    ``change``: dotted key of the model file, the key in its table or an empty text, and the index in its list or -1; no
+    dotted key: a sum. ``determined``: by itself, or as an amplitude or a sum together with others.
     """
 
     name: str
@@ -68,7 +68,8 @@ class GearFit(Result):
         The model before.
     numbers : tuple of Number
         Names: of parameters of the model, and ``JOINT.hysteresis.lost_motion`` [rad or m at the joint],
-        ``JOINT.hysteresis.stiffness`` [N m/rad, side of the spring], ``JOINT.transmission_error.cos_K`` and ``sin_K``
+        ``JOINT.hysteresis.stiffness`` [N m/rad, side of the spring] and ``JOINT.hysteresis.exponent``, of several
+        elements the sums and with ``_1``, ``_2``, ... each, ``JOINT.transmission_error.cos_K`` and ``sin_K``
         of the harmonic K [rad or m at the joint], ``MOTOR.cogging.cos_K`` and ``sin_K`` [N m].
     status : GearStatus
     unexplained, noise : arrays (n_m,) [N m]
@@ -83,6 +84,8 @@ class GearFit(Result):
         Deflections, torques z of the hysteresis, and these with what is unexplained, arm side.
     harmonics, cogging : tuples of int
         Of the transmission errors, and of the cogging.
+    laws : dict
+        Dotted key of a hysteresis -> exponent and gamma of its elements, where they are not Dahl's law.
 
     Examples
     --------
@@ -104,6 +107,7 @@ class GearFit(Result):
     loops: np.ndarray
     harmonics: tuple[int, ...] = ()
     cogging: tuple[int, ...] = ()
+    laws: Mapping[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<GearFit {self.robot.title}: {self.sentence()}>"
@@ -141,17 +145,18 @@ class GearFit(Result):
         changes: dict[str, Any] = {}
         for number in self.numbers:
             key, name, index = number.change
-            if not number.determined:
+            if not number.determined or not key:
                 continue
             if not name:
                 changes[key] = number.value
-            elif index < 0:
-                changes.setdefault(key, {})[name] = number.value
+            elif key in self.laws:
+                changes.setdefault(key, [dict(law) for law in self.laws[key]])[index][name] = number.value
             else:
                 orders = list(self.cogging if key.startswith("motor.") else self.harmonics)
                 empty = {"harmonics": orders, "cos": [0.0] * len(orders), "sin": [0.0] * len(orders)}
                 changes.setdefault(key, empty)[name][index] = number.value
-        return changes
+        alone = {key: changes[key][0] for key in self.laws if len(changes.get(key, ())) == 1}
+        return changes | alone
 
     @property
     def model(self) -> RobotModel:

@@ -16,7 +16,6 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from flexgen.errors import ArgumentError
 from flexgen.mechanics.force_laws import stiffness_at_zero
 from flexgen.mechanics.lagrangian import gears
 from flexgen.memory.hysteresis_law import curve_of, element_rate, is_dahl
@@ -120,20 +119,6 @@ def gear_hysteresis(model: RobotModel) -> GearHysteresis:
     """The stiffness that all elements of a gear add, and the torque at which all slip."""
     layers = gear_layers(model)
     return GearHysteresis(*(np.sum([getattr(x, name) for x in layers], axis=0) for name in ("stiffness", "slip")))
-
-
-def refuse_curved(model: RobotModel, what: str) -> None:
-    """ArgumentError where an element has another law than Dahl's, or a gear more than one: not in ``what``."""
-    for coordinate in model.coordinates:
-        gear = None if coordinate.dof is None else coordinate.dof.gear
-        elements = () if gear is None else elements_of(gear.hysteresis)
-        several = len(elements) > 1
-        if several or not all(is_dahl(x.exponent, x.gamma) for x in elements):
-            given = f"{len(elements)} elements" if several else "exponent or gamma"
-            raise ArgumentError(
-                f"{what}: given {model.title}, whose gear of {coordinate.name} has a hysteresis with {given}, expected "
-                "one element without exponent and gamma"
-            )
 
 
 def torque_along(layers: Sequence[Layer], p: np.ndarray) -> np.ndarray:

@@ -29,12 +29,12 @@ def is_dahl(exponent: float, gamma: float) -> bool:
     return exponent == 1.0 and gamma == 0.0
 
 
-def element_rate(rate: Any, z: Any, slip: Any, exponent: float, gamma: float) -> Any:
+def element_rate(rate: Any, z: Any, slip: Any, exponent: Any, gamma: float) -> Any:
     """Rate of the torque z over K_h: equation above; CasADi expressions or arrays.
 
-    ``rate``: d' [rad/s]; ``z``, ``slip`` W: torques [N m], or parts of any torque.
+    ``rate``: d' [rad/s]; ``z``, ``slip`` W: torques [N m], or parts of any torque; ``exponent``: an expression, too.
     """
-    if is_dahl(exponent, gamma):
+    if not isinstance(exponent, ca.SX) and is_dahl(exponent, gamma):
         return rate - abs(rate) * z / slip
     x = z / slip
     power = abs(x) ** exponent  # its derivative exists at zero, that of |x|^(n - 1) x in CasADi not

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from flexgen.spec.keys import Context, Format, Key, number
 from flexgen.spec.tables import Table
 
+SHARPEST = 20.0  # exponent of an element of hysteresis, at most
+
 
 @dataclass(frozen=True)
 class Hysteresis:
@@ -40,7 +42,7 @@ HYSTERESIS = Format(
             "stiffness that is added after a reversal, on the side of the spring",
             "N m/rad or N/m",
         ),
-        Key("exponent", number(least=1.0, most=20.0), "how sharply it begins to slip, n; 1: Dahl's law", "", 1.0),
+        Key("exponent", number(least=1.0, most=SHARPEST), "how sharply it begins to slip, n; 1: Dahl's law", "", 1.0),
         Key("gamma", number(least=-1.0, most=0.5), "shape of its return; 0.5: along a straight line", "", 0.0),
     ),
     make=Hysteresis,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from gear_records import motor_record, record_in_mujoco, with_noise
 from harmonic import COGGING, ERROR, law_with_sums
-from hysteretic import ARCMIN, hysteretic, with_lost_motion
+from hysteretic import ARCMIN, SLIPS, Element, Elements, hysteretic, joint_stiffness, law_of_gears, with_lost_motion
 from toolchain import needs_compiler
 
 import flexgen
@@ -74,6 +75,58 @@ def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
     found = flexgen.identify_gears(model_of("elbow", **rigid), record, hysteresis=False, harmonics=[1], progress=False)
     assert found.values["q1.transmission_error.sin_1"] == pytest.approx(4e-5, rel=1e-2)
     assert not any(name.startswith("q2") for name in found.values)
+
+
+def record_of_elements(elements: Sequence[Element], seconds: float) -> flexgen.Trajectory:
+    """Of planar5_nmp whose first gear has these elements of hysteresis, and whose second has none."""
+    pytest.importorskip("mujoco")
+    K = joint_stiffness(flexgen.read("planar5_nmp")) * [1.0, 1e-9]
+    made = lambda start: law_of_gears("planar5_nmp", Elements(elements, K, start))  # noqa: E731
+    return record_in_mujoco("planar5_nmp", made, seconds, step=5e-4)
+
+
+@pytest.mark.slow
+def test_elements_are_found_one_by_one(tmp_path: Path) -> None:
+    """Each within 1 %, their sums within 0.2 %, and written as a list of tables."""
+    record = record_of_elements(SLIPS, 8.0)
+    found = flexgen.identify_gears(model_of("planar5_nmp"), record, joints=["q1"], elements=3, progress=False)
+    assert found.status is GearStatus.FITTED, str(found)
+    assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=2e-3)
+    assert found.values["q1.hysteresis.stiffness"] == pytest.approx(4e5, rel=2e-3)
+    gear = flexgen.read(f"{found.save(tmp_path / 'arm.toml')}@identified").elements[0].dofs[0].gear
+    assert gear is not None and isinstance(gear.hysteresis, tuple)
+    for given, each in zip(SLIPS, gear.hysteresis, strict=True):
+        assert each.lost_motion == pytest.approx(given.lost * ARCMIN, rel=1e-2)
+        assert each.stiffness == pytest.approx(given.stiffness * 4e5, rel=1e-2)
+    assert found.loops.shape[1:] == (1, 3)
+
+
+@pytest.mark.slow
+def test_an_exponent_is_found_and_dahls_law_is_a_model_error_there() -> None:
+    record = record_of_elements([Element(1.0, 0.7, 6.0)], 8.0)
+    found = flexgen.identify_gears(model_of("planar5_nmp"), record, joints=["q1"], exponents=True, progress=False)
+    assert found.status is GearStatus.FITTED, str(found)
+    assert found.values["q1.hysteresis.exponent"] == pytest.approx(6.0, rel=1e-2)
+    assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=2e-3)
+    assert found.changes["element.arm1.dof.q1.gear.hysteresis"]["exponent"] == found.values["q1.hysteresis.exponent"]
+    planted = flexgen.identify_gears(model_of("planar5_nmp"), record, joints=["q1"], progress=False)
+    assert planted.status is GearStatus.MODEL_ERROR
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("elements", [2, 3])
+def test_too_few_elements_are_a_model_error(elements: int) -> None:
+    """Two for three: the noise hides it but at the frequencies of the motion, and the lost motion is 5 % off."""
+    made = lambda start: law_of_gears(  # noqa: E731
+        "planar5_nmp", Elements(SLIPS, joint_stiffness(flexgen.read("planar5_nmp")), start)
+    )
+    record = with_noise(record_in_mujoco("planar5_nmp", made, 20.0, step=5e-4, seed=7), NOISE, 3)
+    found = flexgen.identify_gears(model_of("planar5_nmp"), record, elements=elements, progress=False)
+    for joint in found.joints:
+        name = f"{joint}.hysteresis.lost_motion"
+        sd = found.sd[name]
+        assert sd is None or sd > 0.5 * found.values[name] or abs(found.values[name] - ARCMIN) < 4 * sd
+    assert found.status is GearStatus.MODEL_ERROR or elements == 3
 
 
 @pytest.mark.slow
@@ -163,6 +216,7 @@ def test_what_cannot_be_used_is_refused(short: flexgen.Trajectory) -> None:
         ({"harmonics": [0]}, r"harmonics: given \[0\], expected at most 64 different whole numbers from 1 to 1000"),
         ({"harmonics": [2, 2]}, "harmonics: given"),
         ({"cogging": [1.5]}, "cogging: given"),
+        ({"elements": 0}, "elements: given 0, expected a whole number from 1 to 8"),
         ({"band_hz": 400.0}, "band_hz: given 400.0, expected a number > 0, at most 50 Hz"),
         ({"free": ["nosuch"]}, "nosuch"),
     ):

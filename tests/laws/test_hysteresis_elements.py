@@ -14,7 +14,7 @@ from scipy.integrate import quad, simpson, solve_ivp
 from scipy.special import hyp2f1
 
 import flexgen
-from flexgen.errors import ArgumentError, ModelError
+from flexgen.errors import ModelError
 from flexgen.memory import hysteresis as layers_of
 from flexgen.memory import hysteresis_law as law
 from flexgen.memory.hysteresis import gear_layers, torque_along
@@ -211,13 +211,6 @@ def test_wrong_lists_are_refused() -> None:
     for wrong, told in (([], "a list of tables, not empty"), ([right] * 9, "at most 8 tables"), (3.0, "a table")):
         with pytest.raises(ModelError, match=told):
             flexgen.read("elbow", overrides={f"{KEY}.hysteresis": wrong})
-
-
-def test_what_takes_one_element_by_dahls_law_refuses_others() -> None:
-    several, bent = elbow(SLIPS), elbow([Element(1.0, 1.0, 2.0)])
-    for model, told in ((several, "a hysteresis with 3 elements"), (bent, "a hysteresis with exponent or gamma")):
-        with pytest.raises(ArgumentError, match=f"identify_gears: given .*, whose gear of q1 has {told}"):
-            flexgen.identify_gears(model, "record.csv")
 
 
 def test_lost_motions_of_elements_are_numbers_of_the_model() -> None:
