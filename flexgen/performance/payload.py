@@ -2,11 +2,12 @@
 
 The torques of the gears follow from the motors, those that the robot needs from its equations with a load (m, c):
 
-    eta' (tau_m - J_m a_m - f(v_m)) = [M(q_a; m, c) a_a + c + g]_g,      all low-passed forwards and backwards
+    eta' (tau_m + d tau_m' - J_m a_m - f(v_m)) = [M(q_a; m, c) a_a + c + g]_g,    all low-passed forwards and backwards
 
-Gears and links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the
-forces of the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c); the covariance
-follows from the residuals, whose correlation in time is that of the low pass.
+d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. Gears and
+links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the forces of
+the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c, d); the covariance follows
+from the residuals, whose correlation in time is that of the low pass.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
@@ -37,6 +38,8 @@ NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a 
 DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
 ENDS = 0.5  # s at both ends of a record that the low pass spoils
 FEWEST = 200  # samples
+FARTHEST = 3.0  # m, center of mass
+UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 
 
 @checked_result
@@ -45,7 +48,7 @@ class Load(Result):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
     ``total_mass``, ``total_com``: of the load together with the payload of the model file. ``residual_Nm``: root mean
-    square of the residual gear torques (n_g,), arm side.
+    square of the residual gear torques (n_g,), arm side. ``delay_s``: time by which torques were recorded late [s].
 
     Examples
     --------
@@ -62,11 +65,14 @@ class Load(Result):
     total_mass: float
     total_com: np.ndarray
     residual_Nm: np.ndarray
+    delay_s: float = 0.0
 
     __repr__ = short_repr
 
     def __str__(self) -> str:
         """Mass and center of mass."""
+        if not 2 * self.mass_sd < abs(self.mass):
+            return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass not determined"
         com = ", ".join(f"{1e3 * x:.1f} +- {1e3 * s:.1f}" for x, s in zip(self.com, self.com_sd, strict=True))
         return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} mm in the frame of the last tip"
 
@@ -141,6 +147,7 @@ class _Estimate:
         inertia = np.array([m.inertia for m in robot.motors])
         needed = self._smooth(record["tau_m"] - friction.reshape(q_m.shape)) - inertia * a_m
         self.tau_g = needed @ robot.eta
+        self.late = np.gradient(self._smooth(record["tau_m"]), h, axis=0) @ robot.eta
         self.to_arm = np.linalg.inv(robot.eta).T
         self.q_m = self._smooth(q_m)
         self.nominal = derive(robot)
@@ -184,45 +191,57 @@ class _Estimate:
         return evaluate(self.equations.function("inverse_dynamics"), q, v, a, values)[0].reshape(q.shape)
 
     def solve(self) -> Load:
-        """Gauss-Newton in mass and center of mass of the whole payload."""
+        """Gauss-Newton in mass and center of mass of the whole payload, and the delay of the torques."""
         start = np.array([p.value for p in self.equations.parameters])
-        x = np.concatenate([[start[0] + 1.0], start[1:]])
+        x = np.concatenate([[start[0] + 1.0], start[1:], [0.0]])
         scale = np.abs(self.tau_g[self.kept]).max(axis=0)
         scale = np.maximum(scale, 1e-3 * scale.max())
-        friction = evaluate(self.nominal.function("arm_forces"), *self.motion(x)[:2])[0].reshape(-1, self.robot.n_a)
+        friction = evaluate(self.nominal.function("arm_forces"), *self.motion(x[:4])[:2])[0].reshape(-1, self.robot.n_a)
 
         def residual(x: np.ndarray) -> np.ndarray:
-            tau = self.forces(*self.motion(x), x) - friction
-            return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - self.tau_g[self.kept]) / scale)
+            tau = self.forces(*self.motion(x[:4]), x[:4]) - friction
+            needed = (self.tau_g + x[4] * self.late)[self.kept]
+            return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - needed) / scale)
 
         for _ in range(STEPS):
             r = residual(x)
             columns = []
             for k, size in enumerate((1e-3, 1e-4, 1e-4, 1e-4)):
-                columns.append((residual(x + size * (np.arange(4) == k)) - r).ravel() / size)
+                columns.append((residual(x + size * (np.arange(5) == k)) - r).ravel() / size)
+            columns.append((-self.late[self.kept] / scale).ravel())
             J = np.stack(columns, axis=1)
             if np.linalg.cond(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)) > 1e6:
                 raise SolverError(
                     "load: the motion does not determine mass and center of mass; turn the tool in the motion"
                 )
             step = np.linalg.lstsq(J, -r.ravel(), rcond=None)[0]
-            step[1:] = np.clip(step[1:], -0.5, 0.5)
+            step[1:4] = np.clip(step[1:4], -0.5, 0.5)
+            before = x
             x = x + step
-            x[0] = max(x[0], 1e-6)
-            change = np.abs(step).max() / (1 + np.abs(x).max())
+            x[0], x[1:4] = max(x[0], 1e-6), np.clip(x[1:4], -FARTHEST, FARTHEST)
+            # the center of mass of no mass runs away, the first moment does not
+            moved = np.concatenate([x[:1] - before[:1], x[0] * x[1:4] - before[0] * before[1:4]])
+            change = np.abs(moved).max() / (1 + np.abs(x[0]))
             if change < CLOSE:
                 break
-        if not change < NOT_CLOSE:
+        r = residual(x)
+        count = self.effective * r.shape[1]
+        covariance = np.linalg.inv(J.T @ J) * float((r**2).mean()) * r.size / max(count - 5, 1.0)
+        sd = np.sqrt(np.diag(covariance))
+        is_nothing = max(x[0], change) < 2 * sd[0]  # steps between masses that noise hides
+        if not (change < NOT_CLOSE or is_nothing):
             raise SolverError(
                 f"load: no solution in {STEPS} steps, the last changed the load by {change:.1e}; does the record "
                 f"belong to the model {self.robot.name}?"
             )
-        r = residual(x)
-        count = self.effective * r.shape[1]
-        covariance = np.linalg.inv(J.T @ J) * float((r**2).mean()) * r.size / max(count - 4, 1.0)
+        unexplained = float(np.linalg.norm(r) / np.linalg.norm(self.tau_g[self.kept] / scale))
+        if not unexplained < UNEXPLAINED:
+            raise SolverError(
+                f"load: no load explains the record, {100 * unexplained:.0f} % of the torques are left; does it belong "
+                f"to the model {self.robot.name}, in rad and N m of the motors?"
+            )
         mass = x[0] - start[0]
-        com = (x[0] * x[1:] - start[0] * start[1:]) / mass if abs(mass) > 1e-9 else np.full(3, np.nan)
-        sd = np.sqrt(np.diag(covariance))
+        com = (x[0] * x[1:4] - start[0] * start[1:]) / mass if abs(mass) > 1e-9 else np.full(3, np.nan)
         share = x[0] / abs(mass) if abs(mass) > 1e-9 else np.nan
         left = np.sqrt((r**2).mean(axis=0)) * scale
-        return Load(float(mass), float(sd[0]), com, share * sd[1:], float(x[0]), x[1:], left)
+        return Load(float(mass), float(sd[0]), com, share * sd[1:4], float(x[0]), x[1:4], left, float(x[4]))

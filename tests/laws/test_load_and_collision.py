@@ -58,6 +58,35 @@ def test_records_that_do_not_fit_are_refused():
         flexgen.identify_load("planar5_nmp", data, low_pass_hz=500)
 
 
+def planned(mass: float) -> flexgen.Trajectory:
+    """Angles and torques of manutec_r3 with a payload, without noise."""
+    robot = flexgen.read("manutec_r3", overrides={"payload.mass": mass})
+    return flexgen.solve(robot, verify=False, progress=False).trajectory
+
+
+@pytest.mark.slow
+def test_torques_that_are_recorded_late_do_not_change_the_load():
+    """Half a millisecond; planted: without the delay among the unknowns the mass falls by 5 of 5,000 g."""
+    data = planned(20.0)
+    shifted = np.array([np.interp(data.time - 5e-4, data.time, x) for x in data["tau_m"].T]).T
+    late = type(data)(data.time, {**data.channels, "tau_m": shifted}, data.ports, data.labels, data.meta, data.units)
+    before, after = (flexgen.identify_load("manutec_r3", each) for each in (data, late))
+    assert after.delay_s - before.delay_s == pytest.approx(5e-4, rel=0.02)
+    assert abs(after.mass - before.mass) < 5e-4 and np.abs(after.com - before.com).max() < 2e-4
+
+
+@pytest.mark.slow
+def test_nothing_at_the_tool_and_other_units_are_told_apart():
+    data = planned(1e-6)
+    found = flexgen.identify_load(flexgen.read("manutec_r3", overrides={"payload.mass": 1e-6}), data)
+    assert abs(found.mass) < 2 * found.mass_sd < 0.1 and "center of mass not determined" in str(found)
+    degrees = {**data.channels, "q_m": np.degrees(data["q_m"])}
+    with pytest.raises(SolverError, match=r"load: no (load explains|solution)"):
+        flexgen.identify_load(
+            "manutec_r3", type(data)(data.time, degrees, data.ports, data.labels, data.meta, data.units)
+        )
+
+
 @pytest.mark.slow
 def test_a_search_that_did_not_converge_is_refused(monkeypatch):
     """Were the last step not looked at, the load after one step would be returned: 1 kg off the right one."""
