@@ -233,7 +233,7 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options);
  * The output is at rest before the path and after it. The arm starts at equilibrium. Its unactuated coordinates move
  * before the path where zeros are unstable (n_pre), and after it until the stable zeros have decayed (n_post). OK: the
  * residual is within the tolerance on the mesh and within 100 tolerances at the samples (single precision: within the
- * tolerance), the kinematic mismatch is below 0.02 (0.25), and the torque error is at most 0.001 or the residual at
+ * tolerance), the kinematic mismatch is below 0.02 (0.25), and the torque error is at most 0.005 or the residual at
  * the samples within a hundredth of the tolerance (the tolerance). A residual of 1e-4 at the samples moves the output
  * by at most 1e-5 rad, and m for each meter of reach: what flexgen solve accepts. TOLERANCE_NOT_MET: the iteration
  * converged on the mesh, but the result between its nodes is not accurate: use a shorter period of the mesh (fewer

@@ -56,7 +56,7 @@ def test_c_and_solve_agree_on_what_is_solved(name: str, move: str, mesh: float, 
 
 
 @SLOW
-@pytest.mark.parametrize(("duration", "right"), [(0.2, False), (0.3, True), (0.5, True)])
+@pytest.mark.parametrize(("duration", "right"), [(0.18, False), (0.3, True), (0.5, True)])
 def test_a_torque_that_ripples_with_the_mesh_is_not_ok(duration: float, right: bool) -> None:
     """The tool follows and the residual is small, but the torque is not that of a mesh 8 times finer."""
     model = read(UPRIGHT)
@@ -74,7 +74,7 @@ def test_a_torque_that_ripples_with_the_mesh_is_not_ok(duration: float, right: b
     torque = make_interp_spline(fine.t, fine.tau_m, k=5)(found.t[inside])
     error = float((np.abs(found.tau_m[inside] - torque).max(axis=0) / np.abs(fine.tau_m).max(axis=0)).max())
     assert 0.3 * error < found.torque_error < 3.0 * error and fine.converged
-    assert found.converged == right == (error < 1e-3)
+    assert found.converged == right == (error < 5e-3)
     # what was all that counted: without the estimate each of these torques had the status OK
     assert found.residual_at_samples < 1e-4 and found.kinematic_mismatch < 2e-2
 
