@@ -126,7 +126,7 @@ def test_three_commands_from_two_files_to_torques(tmp_path: Path, monkeypatch: p
     words += "--world measurement --out calibrated.toml --report first --quiet"
     assert main(words.split()) == 0
     words = "identify-gears calibrated.toml@calibrated record.csv --out identified.toml --report second --quiet"
-    assert main(words.split()) == 1  # model error: what the calibration leaves of the springs; the file is written
+    assert main(words.split()) == 1  # model error: the poses do not determine the zero of q2; the file is written
     assert main("solve identified.toml@identified --move line --report third --quiet".split()) == 0
     for folder in ("first", "second", "third"):
         assert "<svg" in next(Path(folder).rglob("*.html")).read_text(encoding="utf-8")
