@@ -33,7 +33,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile the n-th part of the test files in the n-th worker, not each file in each worker, where none is compiled.
 
     pytest compiles a file when it is imported; an import without builtins stops after that, at the first statement.
+    Searches for garbage find nothing while tests are collected.
     """
+    gc.disable()
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     count = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     if count == 1 or sys.dont_write_bytecode:
@@ -85,6 +87,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def pytest_collection_finish() -> None:
     """Leave what lives until the end, such as modules, out of the searches for garbage: a tenth of the time."""
+    gc.enable()
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)

@@ -98,6 +98,7 @@ UNOPTIMIZED = (
     "unit/test_cli.py::test_generate_with_options",
     "unit/test_codegen.py",
     "unit/test_cuda.py",
+    "unit/test_docstring_examples.py",
     "unit/test_held_torques.py",
     "unit/test_inversion_parameters.py",
     "unit/test_inverter.py",
@@ -111,7 +112,10 @@ UNOPTIMIZED = (
     "unit/test_solve_stages.py",
 )
 # Their cases that run C for a long time.
-OPTIMIZED_CASES = {"client/test_docs.py": {"docs/control.md", "flexgen/benchmarks/README.md"}}
+OPTIMIZED_CASES = {
+    "client/test_docs.py": {"docs/control.md", "flexgen/benchmarks/README.md"},
+    "unit/test_docstring_examples.py": {"tune", "TuningResult", "score", "Score", "identify_servo"},
+}
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
     "client/test_docs.py": {
