@@ -107,3 +107,11 @@ class Exported(Result):
 def exported(model: RobotModel, kind: str, files: tuple[Path, ...], contents: tuple[str, ...], **more: Any) -> Exported:
     """The result of an export of files, the main one first."""
     return Exported(kind, model.name, files[0], files, model.variant, contents, **more)
+
+
+def left_out(model: RobotModel) -> tuple[str, ...]:
+    """A note that names the parts of a model which a file of its bodies, springs and motors does not have."""
+    parts = {"sensor": model.sensors, "servo": model.servo}
+    parts["encoder_error"] = any(motor.encoder_error is not None for motor in model.motors)
+    names = [name for name, there in parts.items() if there]
+    return (f"not in the file: {', '.join(names)}",) if names else ()

@@ -25,7 +25,7 @@ import numpy as np
 from flexgen.analysis.linear import linearize, poles
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.exports.exported import Exported, exported
+from flexgen.exports.exported import Exported, exported, left_out
 from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refusal, with_friction
 from flexgen.exports.mujoco_forces import add_actuators, add_constraints, add_tendons, mechanisms
 from flexgen.exports.mujoco_inertia import principal, regroup
@@ -105,7 +105,7 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
     notes: tuple[str, ...] = (
         (NOTES[friction],) if friction in NOTES and robot != with_friction(robot, "viscous") else ()
     )
-    notes += (MOVED,) if mechanisms(robot) else ()
+    notes += ((MOVED,) if mechanisms(robot) else ()) + left_out(robot)
     return exported(robot, "mujoco", (path,), (what,), notes=notes, details={"friction": friction})
 
 

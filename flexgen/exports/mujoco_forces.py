@@ -112,16 +112,17 @@ def _rigid_drive(tendons: Element, drive: Drive) -> None:
 
 def _drags(model: RobotModel, tendons: Element) -> None:
     """Drags on bodies that turn about one direction: on the sum of their joints."""
-    for element in model.elements:
-        drag = element.body.rotational_drag
-        if not drag:
+    bodies = [(f"element.{each.name}.body", each.name, each.body) for each in model.elements]
+    for key, name, body in (*bodies, ("payload", model.tip, model.payload)):
+        if not body.rotational_drag:
             continue
-        spin = common_axis(model, element.name)
+        spin = common_axis(model, name)
         if spin is None:
             given = "a drag on a body that turns about several directions"
-            raise refusal(model, f"element.{element.name}.body.rotational_drag", given, "no drag on this body")
+            raise refusal(model, f"{key}.rotational_drag", given, "no drag on this body")
         if spin[1]:
-            _tendon(tendons, f"drag.{element.name}", spin[1], [0.0], damping=drag)
+            made = "payload.drag" if key == "payload" else f"drag.{name}"
+            _tendon(tendons, made, spin[1], [0.0], damping=body.rotational_drag)
 
 
 def _tendon(

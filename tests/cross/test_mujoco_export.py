@@ -190,6 +190,15 @@ def test_coupled_drives_rotors_that_ride_along_and_drags(coupling, rigid):
     assert difference(model, Machine(model)) < ACCELERATION
 
 
+def test_drag_of_the_payload_and_what_is_left_out(tmp_path):
+    encoder = {"harmonics": [2], "cos": [1e-3]}
+    drag = {"payload": {"mass": 3.0, "rotational_drag": 50.0}, "motor.m1.encoder_error": encoder}
+    model = flexgen.read("planar5_nmp", overrides=drag)
+    assert difference(model, Machine(model)) < ACCELERATION
+    assert flexgen.export_mujoco(model, tmp_path / "a.xml").notes == ("not in the file: encoder_error",)
+    assert flexgen.export_mujoco("planar5_nmp", tmp_path / "a.xml").notes == ()
+
+
 def test_the_tool_is_in_its_place():
     for name in ("elbow", "kr300_efjm"):
         model = flexgen.read(name)

@@ -183,6 +183,27 @@ def test_springs_and_frictions(spring, tmp_path):
     assert difference(model, flexgen.read(overlay)) < SAME
 
 
+def test_temperature_servo_and_uncertainty_are_in_the_overlay(tmp_path):
+    """A warm robot has less viscous friction; the servo and what is known of the numbers belong to it."""
+    friction = {"type": "gear", "viscous": 1e-2, "viscous_share": 0.6, "viscous_decay": 15.0}
+    overrides = {
+        "temperature": 45.0,
+        "motor.m1.friction": friction,
+        "servo": {"type": "cascade", "position_gain": [20.0, 30.0], "speed_gain": [1.0, 1.0], "integral_gain": [1, 2]},
+        "uncertainty": {
+            "stiffness": 0.1,
+            "common": ["stiffness"],
+            "parameters": ["m1.inertia", "m2.inertia"],
+            "sd": [0.1, 0.2],
+            "correlation": [1.0, 0.5, 0.5, 1.0],
+        },
+    }
+    model = flexgen.read("elbow", overrides=overrides)
+    again = flexgen.read(export_urdf(model, tmp_path / "arm.urdf").details["overlay"])
+    assert difference(model, again) < SAME
+    assert (again.temperature, again.servo, again.uncertainty) == (45.0, model.servo, model.uncertainty)
+
+
 def test_link_frames_and_sensors(tmp_path):
     """Placements ``link`` with a rotation and a position: bodies, sensors and the tip stay where they are."""
     model = flexgen.read("planar5_nmp")

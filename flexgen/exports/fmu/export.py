@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 from flexgen.atomic_files import atomic_file
 from flexgen.codegen.clib_files import keep_parts
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.exports.exported import Exported, exported
+from flexgen.exports.exported import Exported, exported, left_out
 from flexgen.exports.fmu.binaries import SOURCE, Binary, binaries_of, compile_binary
 from flexgen.exports.fmu.block import FASTEST, Block, config
 from flexgen.exports.fmu.description import build_description, description_2, description_3
@@ -146,7 +146,8 @@ def _written(
     text = f"FMI {version}, {block}, Model Exchange and Co-Simulation, {inside}"
     details: dict[str, Any] = dict(block=block, version=version, token=token, binary=where, variables=made.variables)
     details["seconds"] = time.perf_counter() - began
-    return exported(robot, "fmu", (target,), (text,), details=details)
+    notes = left_out(robot) if block == "plant" else ()
+    return exported(robot, "fmu", (target,), (text,), notes=notes, details=details)
 
 
 def _content(block: Block, version: str, binaries: Sequence[Binary], log: Callable[[str], None]) -> tuple[bytes, str]:
