@@ -8,7 +8,7 @@ deviation d of the coordinates follows from its own linearized equations:
 It starts at rest with the motors at the reference: the integral part of the feedback holds what the feedforward lacks.
 R, M, D and K are linear in stiffness, damping, friction and masses, so that the only error is of second order in d.
 z: torques of gears with hysteresis and of frictions with a state in addition to those of the plan, see
-`flexgen.uncertainty.memory_states`. Torques that are late by the time s add B dtau/dt s to R.
+`flexgen.uncertainty.memory_states`. Torques that are late by the time s add B (tau(t) - tau(t - s)) to R.
 The equations are integrated by Newmark's method of constant mean acceleration (order 2, no damping of its own).
 
 Source: N. M. Newmark, A method of computation for structural dynamics, J. Eng. Mech. Div. 85, 1959.
@@ -45,6 +45,7 @@ STEPS, FINEST, FEWEST, MOST = 12.0, 1e-3, 200, 1500  # a period of the speed con
 KNOTS, DENSER = 60, 3.0  # instants at which matrices are evaluated, linear between them; more of them where it moves
 PROBES = (0.0, 0.4, 1.0)  # parts of the time at which matrices are compared: at rest and in motion
 SAME = 1e-9  # relative to their largest entry
+SHORT = 1e-4  # s, for the derivative of the torques
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -72,6 +73,10 @@ class Along:
         The planned motion and its ``deflection``.
     states : tuple of PlannedStates
         Of gears with hysteresis, and of frictions with a state.
+    linear : array (sources,)
+        Which sources the forces are linear in: all but the delay.
+    late : callable
+        The forces (k, robots, n) of the delay of robots with errors (robots, sources).
     """
 
     t: np.ndarray
@@ -90,6 +95,8 @@ class Along:
     motors: tuple[str, ...]
     motion: dict[str, np.ndarray]
     states: tuple[PlannedStates, ...]
+    linear: np.ndarray
+    late: Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -126,13 +133,25 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     W, units = _output_rows(equations, motion["q_a"])
     twist, springs, motion["deflection"] = _deflections(model, motion)
     M, D, K, B = (between(x) for x in (M, D, K, B))
-    if DELAY in sources.kinds:
-        k = sources.kinds.index(DELAY)
-        late, early = (trajectory.at(np.clip(t + x * sources.sd[k], first, last))["tau_m"] for x in (-1.0, 1.0))
-        force[k] += np.einsum("kij,kj->ki", B, early - late) / (2 * sources.sd[k])
+    delay = sources.kinds.index(DELAY) if DELAY in sources.kinds else None
+
+    def late(errors: np.ndarray) -> np.ndarray:
+        """What torques that are late change in the residual, (k, robots, n)."""
+        if delay is None:
+            return np.zeros((len(t), 1, 1))
+        then = trajectory.at(np.clip(t - errors[:, delay, None], first, last).ravel())["tau_m"]
+        change = motion["tau_m"] - then.reshape(len(errors), *motion["tau_m"].shape)
+        return np.einsum("kij,rkj->kri", B, change)
+
+    if delay is not None:
+        short = min(SHORT, float(sources.sd[delay])) * np.eye(len(sources.sd))[[delay]]
+        force[delay] += (late(short) - late(-short))[:, 0] / (2 * short[0, delay])
     all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
     motors = tuple(motor.name for motor in model.motors)
-    return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion, states)
+    known = np.arange(len(sources.names)) != delay  # whose forces are linear in the errors
+    return Along(
+        t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion, states, known, late
+    )  # fmt: skip
 
 
 def _knots(v_a: np.ndarray) -> np.ndarray:
@@ -260,8 +279,9 @@ def response(along: Along, errors: np.ndarray) -> Response:
         M, D, K = (x[k] + y + np.tensordot(errors[:, some], z, 1) for x, y, z in zip(parts, own, changes, strict=True))
         return M, D, K
 
-    states = [each.robots(errors) for each in along.states]
-    return _integrate(along, len(errors), matrices, lambda k: errors @ along.force[:, k], states)
+    states, late = [each.robots(errors) for each in along.states], along.late(errors)
+    known = errors * along.linear
+    return _integrate(along, len(errors), matrices, lambda k: known @ along.force[:, k] + late[k], states)
 
 
 def _integrate(
