@@ -29,7 +29,7 @@ from flexgen.exports.overlay_tables import beam_or_drag, output_table, sensor_ta
 from flexgen.exports.poses import roll_pitch_yaw
 from flexgen.exports.xml_text import add, document
 from flexgen.model.elements import Body, Dof, Element, RobotModel
-from flexgen.model.format import UNCERTAINTY
+from flexgen.model.format import MODEL, UNCERTAINTY
 from flexgen.model.format_devices import MOTOR
 from flexgen.model.format_robot import BODY, DOF, PLACEMENT
 from flexgen.model.moves import Move, Program
@@ -71,12 +71,13 @@ class Step:
 def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     """Write a robot as a URDF file and an overlay next to it.
 
-    The URDF file is the rigid robot, for other programs: links, joints, inertias, limits, frictions. Elastic degrees
-    of freedom of elements with a motor joint are rigid in it; those of other elements are joints. The overlay,
-    with the ending ``.toml``, adds gears, motors, springs, moves, sensors, temperature, servo and uncertainty:
-    `flexgen.read` of the overlay gives the same equations. An axis that a mechanism moves by one joint has `<mimic>`; one that follows several joints is free
-    in the URDF file. Joints of the URDF file have the names of the coordinates, links those of the elements. The files
-    that the robot was read from are never replaced, nor is an overlay that flexgen did not write.
+    The URDF file is the rigid robot, for other programs: links, joints, inertias, limits, frictions. Elastic degrees of
+    freedom of elements with a motor joint are rigid in it; those of other elements are joints. The overlay, with the
+    ending ``.toml``, adds gears, motors, springs, moves, sensors, temperature, servo and uncertainty: `flexgen.read` of
+    the overlay gives the same equations. An axis that a mechanism moves by one joint has `<mimic>`; one that follows
+    several joints is free in the URDF file. Joints of the URDF file have the names of the coordinates, links those of
+    the elements. The files that the robot was read from are never replaced, nor is an overlay that flexgen did not
+    write.
 
     Parameters
     ----------
@@ -291,11 +292,12 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
     """The overlay of a URDF file in the same folder."""
     data: dict[str, Any] = {"name": model.name}
     data |= {key: value for key in ("description", "source") if (value := getattr(model, key))}
-    data |= {key: getattr(model, key) for key in ("gravity", "motor_coupling", "temperature")} | {"home_rad": model.home}
+    data |= {"gravity": model.gravity, "motor_coupling": model.motor_coupling, "home_rad": model.home}
+    data |= {"temperature": model.temperature} if model.temperature != MODEL["temperature"].default else {}
     data["base"] = write(PLACEMENT, model.base)
     data["tool"] = write(PLACEMENT, model.tool)
     data["tool"] |= {x: v for x in ("speed_max", "acceleration_max") if (v := getattr(model.tool, x, None))}
-    forms = {"uncertainty": UNCERTAINTY, "servo": SERVO_TABLE}
+    forms: dict[str, Any] = {"uncertainty": UNCERTAINTY, "servo": SERVO_TABLE}
     data |= {key: write(form, value) for key, form in forms.items() if (value := getattr(model, key)) is not None}
     if model.payload.mass:
         data["payload"] = write(BODY, model.payload) | ({"inertia_reduced": True} if _reduced(model.payload) else {})
