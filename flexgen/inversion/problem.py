@@ -28,7 +28,8 @@ RESOLVED = 3.0  # zero times interval up to which three Gauss points resolve a z
 GRADING = 1.5  # ratio of adjacent intervals before the path
 SETTLING = 15.0  # time constants after the path; the solution is cut where the motion has decayed, see `settling`
 LAGS = 20.0  # time constants D / K of the slowest gear after the path: its deflection has decayed by 2e-9
-LONGEST_SETTLING = 5.0  # s
+LONGEST_SETTLING = 5.0  # s; where a motion needs more, `settling` extends it
+LONGEST_PREVIEW = 60.0  # s before the path
 ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
 HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
@@ -82,7 +83,7 @@ class InversionProblem:
         for _, zeros in self.zeros:
             unstable, stable = time_constants(zeros)
             before, after = max(before, unstable), max(after, stable)
-        preactuation = np.clip(preview(1.0) * before, 0.04 * scale, 2.0)
+        preactuation = np.clip(preview(1.0) * before, 0.04 * scale, LONGEST_PREVIEW)
         settling = np.clip(SETTLING * after, 0.1 * scale, LONGEST_SETTLING)
         return float(preactuation), max(float(settling), self.gear_settling)
 

@@ -29,8 +29,8 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     refined = min(h / COARSEST, 1.0)
     step = problem.step
     if problem.mesh is None and problem.limits is None:
-        if len(problem.path.segments) > 1:  # motions of a program may be short: sampled finer with the mesh
-            step = min(step, h / SAMPLED)
+        # motions of a program may be short; that of other paths is sampled finer on a refined mesh
+        step = min(step, h / (SAMPLED if len(problem.path.segments) > 1 else PER_INTERVAL))
         h = min(h, max(problem.resolving, problem.step))
     if problem.force is not None:
         if problem.mesh is None:  # finer with the mesh that is asked for

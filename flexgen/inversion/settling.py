@@ -14,12 +14,14 @@ Deflections of damped gears decay with D / K; the last sample is not before thei
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexgen.inversion.problem import HELD, LAGS, LONGEST_SETTLING, InversionProblem
+from flexgen.inversion.sampling import SAMPLES
 from flexgen.mechanics.output_columns import output_units
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.numerics.evaluate import evaluate
@@ -30,46 +32,76 @@ if TYPE_CHECKING:
 SETTLED = 1e-3  # of the accuracy: largest residual motion at the end
 NOTED = 1e-2  # of the accuracy: residual motion at the end from which a warning is given
 SHORTEST = 0.05  # s after the path
+LONGEST_DECAY = 200.0  # s after the path, where vibrations decay slowly
+MARGIN = 1.1  # of the time of their decay
+LENGTHENED = 1.05  # times the samples after the path, at least, for another inversion
 
 
-def trim_after_settling(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tuple[str, ...]]:
-    """The inversion without the samples after the path in which nothing moves any more, to equilibrium, and warnings.
+def invert_until_settled(
+    problem: InversionProblem, invert: Callable[[int], Inversion], n_post: int
+) -> tuple[Inversion, tuple[str, ...]]:
+    """The inversion until nothing moves any more after the path, to equilibrium, and warnings.
+
+    Where the motion has not decayed, it is computed again with the time that it needs by the slowest zero at the end
+    of the path, at most ``LONGEST_DECAY``.
 
     Parameters
     ----------
     problem : InversionProblem
-    found : Inversion
-        With the samples of ``problem.windows`` after the path.
+    invert : callable
+        The inversion with a number of samples after the path.
+    n_post : int
+        Samples of ``problem.windows`` after the path.
 
     Returns
     -------
     Inversion
-        With a smaller ``n_post``; its last sample is the equilibrium.
+        With ``n_post`` of the samples that are kept; the last one is the equilibrium.
     tuple of str
         A warning where the motion has not decayed at the last sample.
     """
-    if found.n_post == 0:
-        return found, ()
-    end = equilibrium_at(problem.at_rest(problem.path.duration), found.q_a[-1])
-    if problem.equations.model.n_e == 0:
-        return _cut(found, found.n_post, end), slow_gears(problem)
-    size = _measure_remaining(problem, found, end)
-    allowed = SETTLED * problem.accuracy
-    moving = np.flatnonzero(size > allowed)
-    last = int(moving[-1]) + 1 if len(moving) else 0
-    if last >= len(size) and (problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy):
-        # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
-        # ripple of a mesh that does not resolve the fastest of them
-        return _fade_to_equilibrium(problem, found, end), slow_gears(problem)
-    if last >= len(size):
-        units = sorted(set(output_units(problem.equations.model)))
-        return found, (
-            f"the motion has not decayed {found.n_post * found.period:.3g} s after the path: the deflections still "
-            f"move the output by about {size[-1]:.1e} {' or '.join(units)}; the simulated error covers {HELD:g} s with "
-            "the last torque held",
+    while True:
+        found = invert(n_post)
+        if found.n_post == 0:
+            return found, ()
+        end = equilibrium_at(problem.at_rest(problem.path.duration), found.q_a[-1])
+        if problem.equations.model.n_e == 0:
+            return _cut(found, found.n_post, end), slow_gears(problem)
+        size = _measure_remaining(problem, found, end)
+        moving = np.flatnonzero(size > SETTLED * problem.accuracy)
+        last = int(moving[-1]) + 1 if len(moving) else 0
+        if last < len(size):
+            fewest = min(found.n_post, int(np.ceil(max(SHORTEST, problem.gear_settling) / found.period)))
+            return _cut(found, max(last + 1, fewest), end), slow_gears(problem)
+        if problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy:
+            # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
+            # ripple of a mesh that does not resolve the fastest of them
+            return _fade_to_equilibrium(problem, found, end), slow_gears(problem)
+        decay = _slowest_decay(problem)
+        more = MARGIN * decay * np.log(size[-1] / (SETTLED * problem.accuracy))
+        longest = min(LONGEST_DECAY, (SAMPLES - len(found.q_a) + n_post) * found.period)
+        longer = int(min(n_post * found.period + more, longest) / found.period)
+        if not np.isfinite(decay) or longer < LENGTHENED * n_post:
+            units = sorted(set(output_units(problem.equations.model)))
+            return found, (
+                f"the motion has not decayed {n_post * found.period:.3g} s after the path: the deflections still move "
+                f"the output by about {size[-1]:.1e} {' or '.join(units)}, with a time constant of {decay:.3g} s; the "
+                f"simulated error covers {HELD:g} s with the last torque held; damp the springs that are not actuated, "
+                "or excite them less by a slower or smoother move",
+            )
+        problem.log(
+            f"vibrations decay with {decay:.3g} s: inverting until {longer * found.period:.3g} s after the path"
         )
-    fewest = min(found.n_post, int(np.ceil(max(SHORTEST, problem.gear_settling) / found.period)))
-    return _cut(found, max(last + 1, fewest), end), slow_gears(problem)
+        n_post = longer
+
+
+def _slowest_decay(problem: InversionProblem) -> float:
+    """Time constant of the slowest zero at the end of the path that is not unstable [s]; infinite: it is undamped."""
+    from flexgen.analysis.zeros import ON_AXIS
+
+    zeros = problem.zeros[-1][1]
+    damping = -zeros.real[zeros.real <= ON_AXIS * np.abs(zeros)]
+    return float(1 / damping.min()) if len(damping) and damping.min() > 0 else np.inf
 
 
 def slow_gears(problem: InversionProblem) -> tuple[str, ...]:

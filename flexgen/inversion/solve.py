@@ -16,7 +16,7 @@ from flexgen.inversion.choice import check_applies, default_method, further_meth
 from flexgen.inversion.hold import CommandName, Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
-from flexgen.inversion.problem import ACCURACY, HELD, INTERVALS, InversionProblem
+from flexgen.inversion.problem import ACCURACY, HELD, INTERVALS, LONGEST_SETTLING, InversionProblem
 from flexgen.inversion.reached import BestSolution, stage_of
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows, within_limits
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
@@ -40,7 +40,8 @@ from flexgen.type_checks import checked_types
 
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
 ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
-RETRIES = 1  # more, where only the residual between the samples is too large
+RETRIES = 1  # more, where only the residual between the samples is too large, or lq has nearly converged
+NEAR = 100.0  # times the accuracy: an error of lq that a finer mesh may still reduce to it
 ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
@@ -86,7 +87,7 @@ def solve(
         springs with a kink; "lq" with limits or non-actuated coordinates, else "closed-form" (without a C compiler
         "full", "collocation"). If it fails, finer meshes and other methods are tried: ``details["attempts"]``.
     preview, mesh : float, optional [s]
-        How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`. Length
+        How long before the path the motion may begin; default, at most 60 s: `flexgen.analysis.zeros.preview`. Length
         of the intervals or steps; default: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
         On motor torque, speed, deflection: "lq" modifies the path; "full", "collocation" optimize torque and error.
@@ -289,10 +290,10 @@ def _refine(
     duration = problem.path.duration
     h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if problem.mesh is None else float(problem.mesh)
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
-    best, least, hidden = None, np.inf, False
-    for attempt in range(attempts + (RETRIES if attempts > 1 and len(problem.path.segments) > 1 else 0)):
+    best, least, hidden, near = None, np.inf, False, False
+    for attempt in range(attempts + (RETRIES if attempts > 1 else 0)):
         last = attempt + 1 >= attempts
-        if attempt >= attempts and not hidden:
+        if attempt >= attempts and not (hidden or near):
             break
         check_time(f"method {method.name}, intervals of {h / 2**attempt:.3g} s")
         try:
@@ -311,7 +312,9 @@ def _refine(
                 return solution
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
-        doubtful = hidden or len(problem.path.segments) > 1  # the simulation of a program takes seconds
+        # the simulation of a program takes seconds, and so does that of a motion that decays slowly
+        long = len(problem.path.segments) > 1 or solution.trajectory.time[-1] > duration + 2 * LONGEST_SETTLING
+        doubtful = hidden or long
         if doubtful and not residual_is_small(solution) and attempt + (not hidden) < attempts:
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
@@ -331,6 +334,7 @@ def _refine(
         if solution.status == Status.BASELINE:
             return solution
         hidden = worst <= problem.accuracy and simulation.energy_error <= ENERGY
+        near = method.name == "lq" and worst <= NEAR * problem.accuracy
         # a feedback reduces all errors; short residuals, at corners of a derivative of the path, do nothing without it
         exact = simulation.feedback is None or residual_is_small(solution) or checked.defect <= problem.accuracy
         if hidden and exact:
@@ -338,7 +342,7 @@ def _refine(
         if best is None or worst < least:  # on a finer mesh rounding may be larger
             details = {**solution.details, "missed": _refusal(problem, worst, simulation.energy_error)}
             best, least = replace(solution, status=Status.TOLERANCE_NOT_MET, details=details), worst
-        if not last or (hidden and attempt < attempts):
+        if not last or ((hidden or near) and attempt < attempts):
             problem.log(f"{_refusal(problem, worst, simulation.energy_error)}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
     return best

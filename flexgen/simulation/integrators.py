@@ -27,7 +27,8 @@ from flexgen.errors import SolverError
 from flexgen.simulation.compiled_rate import CompiledDop853, CompiledRate
 from flexgen.simulation.motor_feedback import MotorFeedback
 
-EVALUATIONS = 5_000_000  # a few minutes of the explicit method
+EVALUATIONS = 5_000_000  # a few minutes of the explicit method; a long motion may take LONG each second
+LONG = 1e5
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
 BLOCK = 5_000  # evaluations over which the rate is measured
 RTOL_STIFF, ATOL_STIFF = 1e-10, 1e-11  # below them the implicit method solves for rounding
@@ -148,7 +149,7 @@ def integrate(
                 mark = (solver.t, solver.nfev)
         elif method == IMPLICIT:
             mark = _check_advance(solver, mark, t)
-        if evaluations > EVALUATIONS:
+        if evaluations > max(EVALUATIONS, LONG * (t[-1] - t[0])):
             raise SolverError(
                 f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {evaluations} evaluations; "
                 "check the units of the trajectory, and the numbers of the model with 'flexgen check' (flexgen.check)"

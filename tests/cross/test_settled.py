@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from claimed_error import claimed_error, false_claims
 from inversion_cases import last_joint
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.codegen import clib_files
 from flexgen.errors import ArgumentError
+from flexgen.inversion import settling
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import HELD, LAGS
 from flexgen.inversion.reduced_problem import Reduction
@@ -225,3 +227,19 @@ def test_solve_computes_few_samples_that_it_does_not_return() -> None:
     assert solution.simulation.tool_error_max_m < 1e-6
     length = solution.trajectory.time[-1] - solution.trajectory.time[0]
     assert solution.intervals * 10e-3 < 1.3 * length  # most of what is computed is in the solution
+
+
+@pytest.mark.slow
+def test_vibrations_that_decay_slowly_are_followed_until_they_have_decayed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A zero with a time constant of 1.8 s, which needs more than the usual 5 s after the path."""
+    model = last_joint(read("planar5_mp"), 0.1, 0.004)
+    move = replace(model.moves[0], duration=0.2)
+    lines: list[str] = []
+    found = flexgen.solve(model, move, progress=lines.append)
+    assert any("vibrations decay with" in line for line in lines)
+    assert found.status == flexgen.Status.SOLVED and not any("not decayed" in text for text in found.warnings)
+    assert 10.0 < found.trajectory.time[-1] < 40.0 and claimed_error(found) < 1e-8 and false_claims(found) == []
+    monkeypatch.setattr(settling, "LONGEST_DECAY", 5.0)  # planted: the usual time
+    cut = flexgen.solve(model, move, method="lq", mesh=4e-3)
+    (text,) = [text for text in cut.warnings if "not decayed" in text]
+    assert "move the output by about 9.7e-05 m, with a time constant of 1.76 s" in text

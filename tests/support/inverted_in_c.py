@@ -22,7 +22,9 @@ def inversion_in_c(equations: Equations, name: str) -> Inversion:
     functions = [each for each in INVERSION if each != "inversion_jacobians" or equations.model.n_e]
     library = library_with(equations.model, (*functions, "linearize"), ("invert", "growth"))
     path = Path(equations, equations.model.move(name))
-    n, period, samples_per_interval, n_pre, n_post = grid(InversionProblem(equations, path), MESH)
+    n, period, samples_per_interval, n_pre, n_post = grid(
+        InversionProblem(equations, path), min(MESH, path.duration / 50)
+    )
     return library.invert(
         *samples(Reduction(equations), path, period, n),
         period=period,

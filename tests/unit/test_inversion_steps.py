@@ -116,10 +116,14 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(monkeypatch: pytest
         for w in (3e-5, 9e-5)
     ]
     # the best of all meshes, with the reason, where none passes; a given mesh is taken as it is
-    worst = iter([4e-5, 3e-5, 9e-5])
-    found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type,call-overload]
-    assert found.status == Status.TOLERANCE_NOT_MET and found.warnings[0] == f"{h / 2:g}"
-    assert found.details == {"missed": "verified error 3.00e-05 is above 1e-05 [rad, and m for each meter of reach]"}
+    for name, errors in (("lq", [4e-2, 3e-2, 9e-2]), ("bvp", [4e-5, 3e-5, 9e-5]), ("lq", [4e-5, 3e-5, 9e-4, 5e-5])):
+        steps.clear()
+        worst = iter(errors)
+        found = solve._refine(problem, find_method(name), reached)  # type: ignore[arg-type,call-overload]
+        assert found.status == Status.TOLERANCE_NOT_MET and found.warnings[0] == f"{h / 2:g}"
+        missed = f"verified error {errors[1]:.2e} is above 1e-05 [rad, and m for each meter of reach]"
+        assert found.details == {"missed": missed}
+        assert len(steps) == len(errors)  # one more mesh where lq has nearly converged
     steps.clear()
     worst = iter([4e-5])
     solve._refine(Problem(mesh=0.125), find_method("lq"), reached)  # type: ignore[arg-type,call-overload]

@@ -44,7 +44,8 @@ SENTENCES = {
     ),
     "docs/verification.md": (
         ("slowest damped gear ({:g} D/K)", problem.LAGS),
-        ("at most {:g} s. A warning", problem.LONGEST_SETTLING),
+        ("at most {:g} s. Where", problem.LONGEST_SETTLING),
+        ("their decay, up to {:g} s", settling.LONGEST_DECAY),
         ("until {:g} s after the end with the last torque held", problem.HELD),
         ("states the error {:g} s after the end", after_end.AFTER),
         ("grow by more than {:g} until", open_loop.UNSTABLE),

@@ -21,6 +21,7 @@ Differential Equations, 1995, ch. 5 (collocation), 6 (dichotomy), 7 (elimination
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, sample_force, samples
-from flexgen.inversion.settling import trim_after_settling
+from flexgen.inversion.settling import invert_until_settled
 from flexgen.runtime.path_inversion import TOLERANCE
 
 
@@ -52,17 +53,18 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         progress=problem.progress,
     )
     n, period, samples_per_interval, n_pre, n_post = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
-    found = library.bvp(
+    invert = partial(
+        library.bvp,
         *samples(Reduction(problem.equations), problem.path, period, n),
         period=period,
         q_start=problem.path.q_start,
         n_pre=n_pre,
-        n_post=n_post,
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
         force=sample_force(problem, np.arange(n) * period),
     )
-    solved = from_library(*trim_after_settling(problem, found))
+    found, warnings = invert_until_settled(problem, lambda n_post: invert(n_post=n_post), n_post)
+    solved = from_library(found, warnings)
     start, end = found.unstable_zeros_start, found.unstable_zeros_end
     details = {**solved.details, "unstable_zeros_start": start, "unstable_zeros_end": end}
     return replace(solved, details=details, verdict=f"{start} unstable zeros at the end of the motion")

@@ -15,6 +15,8 @@ Model Predictive Control, 2017, sec. 8.8 (Riccati recursion of Gauss-Newton step
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from flexgen.inversion.limits import enforce_limits
@@ -23,7 +25,7 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, sample_force, samples
-from flexgen.inversion.settling import SETTLED, trim_after_settling
+from flexgen.inversion.settling import SETTLED, invert_until_settled
 from flexgen.runtime.path_inversion import TOLERANCE
 
 LONGEST = 1e-2  # s: longest interval
@@ -42,20 +44,20 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     path = problem.path
     n, period, samples_per_interval, n_pre, n_post = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
     y, dy, ddy = samples(Reduction(problem.equations), path, period, n)
-    found = library.invert(
+    invert = partial(
+        library.invert,
         y,
         dy,
         ddy,
         period=period,
         q_start=path.q_start,
         n_pre=n_pre,
-        n_post=n_post,
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
         settled=SETTLED * problem.accuracy,
         force=sample_force(problem, np.arange(n) * period),
     )
-    found, warnings = trim_after_settling(problem, found)
+    found, warnings = invert_until_settled(problem, lambda n_post: invert(n_post=n_post), n_post)
     if problem.limits is not None:
         return enforce_limits(problem, found, samples_per_interval, TOLERANCE)
     return from_library(found, warnings)
