@@ -102,11 +102,12 @@ def test_a_gear_with_a_kink_is_solved_by_the_full_method() -> None:
 
 
 @pytest.mark.slow
-def test_backlash_is_solved_by_the_full_method_when_the_closed_form_fails() -> None:
+@pytest.mark.parametrize("method", ["auto", "full"])
+def test_backlash_is_solved_when_the_closed_form_fails(method: str) -> None:
     said: list[str] = []
-    solution = flexgen.solve("kr300@backlash", progress=said.append)
-    assert any("trying method full" in line for line in said)
-    assert (solution.method, solution.status) == ("full", Status.SOLVED)
+    solution = flexgen.solve("kr300@backlash", method=method, progress=said.append)
+    assert any("trying method lq; before: closed-form: verified error" in line for line in said) == (method == "auto")
+    assert (solution.method, solution.status) == ("lq" if method == "auto" else "full", Status.SOLVED)
     assert (solution.tool_error_max_m or 1) < 2 * MICRON and (solution.tool_error_max_rad or 1) < 2 * MICRON
 
 

@@ -160,7 +160,8 @@ def made_problem(**values: Any) -> Any:
     ("values", "h", "expected"),
     [
         ({}, 0.01, (1001, 1e-3, 10, 100, 250)),
-        ({"step": 0.25}, 0.5, (5, 0.25, 2, 1, 1)),
+        ({}, 0.004, (2001, 5e-4, 8, 200, 500)),
+        ({"step": 0.25}, 2.0, (5, 0.25, 8, 1, 1)),
         ({"path": Made(duration=1.0, segments=(1, 2))}, 0.00125, (3201, 0.0003125, 4, 320, 800)),
         ({"resolving": 0.004}, 0.01, (1001, 1e-3, 4, 100, 250)),
         ({"resolving": 0.0005}, 0.01, (1001, 1e-3, 1, 100, 250)),
@@ -226,7 +227,8 @@ def test_windows_and_intervals_follow_from_the_zeros(monkeypatch: pytest.MonkeyP
     assert of([-50]).resolving == np.inf
     assert of([-1e4]).windows == pytest.approx((0.02, 0.07)) and of([1e6]).windows == pytest.approx((0.02, 0.07))
     assert of([-1e4], 0.2).windows == pytest.approx((0.008, 0.07)) and of([-1e4], 0.2).step == pytest.approx(5e-4)
-    assert of([0.1, -0.1]).windows == pytest.approx((2.0, 5.0))
+    assert of([2, -0.1]).windows == pytest.approx((preview(0.5), 5.0))
+    assert of([0.1, -0.1]).windows == pytest.approx((problems.LONGEST_PREVIEW, 5.0))
     flat = problems.InversionProblem(derive("elbow"), Made(duration=2.0))  # type: ignore[arg-type]
     flat.__dict__.update(gear_settling=0.01)
     assert flat.windows == pytest.approx((0.05, 0.05)) and flat.zeros == [] and flat.resolving == np.inf

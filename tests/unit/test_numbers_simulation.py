@@ -192,6 +192,7 @@ def test_linear_motions_are_exponentials_and_stiff_ones_change_the_method(monkey
     assert_allclose(found.states, [expm(stiff * (s - 0.5)) @ x for s in t], atol=1e-8)
     assert lines[0].startswith("simulation: t = ") and "of 2.500 s, " in lines[0] and lines[-1].endswith("LSODA")
     monkeypatch.setattr(integrators, "EVALUATIONS", 60)
+    monkeypatch.setattr(integrators, "LONG", 30.0)
     with pytest.raises(SolverError, match=r"stopped at t = \S+ of 2\.5 s after \d+ evaluations; check the units"):
         integrators.integrate(linear(stiff), x, t, 1e-11, np.full(2, 1e-12))
 
