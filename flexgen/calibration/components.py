@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import gammainccinv
 
 from flexgen.calibration.parameters import Unknown, trackers_of
 from flexgen.calibration.statics import Numbers, Rest, Statics
@@ -26,6 +27,7 @@ from flexgen.type_checks import checked_result
 START_TILT = 1e-3  # rad
 FEWEST = 20  # poses with all trackers seen
 QUIET = 1e-7  # m: errors below this, as of simulated poses, need no explanation
+CHANCE = 0.01  # of a tilt that is named although the errors are independent
 UNSEEN = 1e3  # m: standard deviation of a point that was not seen
 
 
@@ -78,7 +80,9 @@ def find_tilt(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarr
     """The tilt of the largest likelihood among the elements that move at least two trackers.
 
     ``usable`` (N,): False for poses with gross errors. None: fewer than two trackers share an element, too few poses
-    see them all, or there are no errors.
+    see them all, there are no errors, or noise alone is as likely: with independent errors twice the logarithm of the
+    ratio of the likelihoods is at most as large as a chi-squared number of three degrees of freedom, and the largest of
+    all elements exceeds the bound once in ``1 / CHANCE`` calibrations at most.
     """
     tree = statics.tree
     moved = {
@@ -93,7 +97,10 @@ def find_tilt(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarr
     if np.abs(r).max() < QUIET:
         return None
     found = [(_likelihood(r, tilt_slopes(statics, numbers, rest, name)[complete]), name) for name in shared]
-    (_, x), name = min(found, key=lambda one: one[0][0])
+    (least, x), name = min(found, key=lambda one: one[0][0])
+    alone = 0.5 * r.size * (np.log((r**2).mean()) + 1.0)
+    if 2.0 * (alone - least) < 2.0 * gammainccinv(1.5, CHANCE / len(shared)):
+        return None
     sd = np.exp(x / 2)
     return Tilt(name, float(sd[0]), sd[1:], float(np.sqrt((r**2).mean())))
 

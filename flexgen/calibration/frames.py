@@ -20,6 +20,7 @@ from flexgen.calibration.tree import SHIFTS
 ROUNDS = 60
 CHANGE = 1e-3  # part of the error by which a round has to lower it
 ENOUGH = 60  # poses at which every tracker is seen: the others do not take part in the search for an attitude
+WRONG = 0.05  # of the scatter of the measured points: an error from which on a second frame is tried
 TRIED = 8  # attitudes of the elements without a known place that the search starts from
 
 
@@ -40,13 +41,20 @@ def angles_of(R: np.ndarray) -> np.ndarray:
 def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) -> Numbers:
     """Numbers with the frame of the measurement, the trackers and the places of the elements ``placed`` found.
 
-    ``measured`` (N, k, 3) [m]; entries that are missing are nan. Without elements to place one search is enough; with
-    them the best of several, from other attitudes of these elements.
+    ``measured`` (N, k, 3) [m]; entries that are missing are nan. Without elements to place one search is enough, or
+    another one from the frame that the trackers of the model file give; with them the best of several, from other
+    attitudes of these elements.
     """
     tree = statics.tree
     first = replace(Numbers.of(tree), compliances=np.zeros(len(tree.elastic)))
     if not placed:
-        return _search(statics, measured, placed, first)[1]
+        error, numbers = _search(statics, measured, placed, first)
+        points, valid = statics.rest(first, rigid=True).points, np.isfinite(measured).all(axis=2)
+        R, t = best_pose(points[valid], measured[valid])
+        if error > WRONG * np.linalg.norm(measured[valid] - measured[valid].mean(axis=0), axis=1).mean():
+            other = _search(statics, measured, placed, replace(first, frame=np.concatenate([t, angles_of(R)])))
+            return min((error, numbers), other, key=lambda one: one[0])[1]
+        return numbers
     found = []
     random = np.random.default_rng(0)
     rows = np.flatnonzero(np.isfinite(measured).all(axis=(1, 2)))

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import flexgen
-from flexgen.calibration import components
+from flexgen.calibration import components, frames
 from flexgen.calibration.model_file import changes_of
 from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
 from flexgen.calibration.statics import Numbers, Statics
@@ -179,6 +180,40 @@ def test_a_tilt_from_pose_to_pose_is_found() -> None:
     assert others < 0.6 * alone
     wrong = replace(found, tilt_rad=found.tilt_rad[[2, 0, 1]])  # planted: another axis
     assert components.seen_others(statics, numbers, rest, seen, wrong).mean() > 1.3 * others
+
+
+def test_independent_errors_are_not_taken_for_a_tilt() -> None:
+    """Noise of each point alone, seen with 24 and 40 poses: an element is named in one of a hundred."""
+    tree = Tree(arm())
+    named = least = 0
+    for seed in range(6):
+        statics, numbers = Statics(tree, commands(24 if seed % 2 else 40, seed)), Numbers.of(tree)
+        rest = statics.rest(numbers)
+        rng = np.random.default_rng(seed)
+        noise = 3e-4 * rng.normal(size=rest.measured.shape)
+        B = components.tilt_slopes(statics, numbers, rest, "body2")
+        turned = (B @ (6e-4 * rng.normal(size=(len(B), 3)))[..., None]).reshape(noise.shape)
+        usable = np.ones(len(B), bool)
+        named += components.find_tilt(statics, numbers, rest, rest.measured + noise, usable) is not None
+        least += components.find_tilt(statics, numbers, rest, rest.measured + noise + turned, usable) is not None
+    assert named == 0 and least == 6
+
+
+def test_the_frame_of_few_poses_is_found() -> None:
+    """Frames turned by 90 to 180 degrees: the search that begins with the world's frame ends elsewhere in some."""
+    tree = Tree(arm())
+    first = replace(Numbers.of(tree), compliances=np.zeros(len(tree.elastic)))
+    elsewhere = 0
+    for count, seed in ((4, 1), (6, 7), (8, 25), (12, 56), (12, 3)):
+        statics = Statics(tree, commands(count, seed))
+        rng = np.random.default_rng(seed)
+        axis = rng.normal(size=3)
+        turn = Rotation.from_rotvec(np.radians(rng.uniform(90, 180)) * axis / np.linalg.norm(axis)).as_matrix()
+        seen = statics.rest(first, rigid=True).points @ turn.T + [1.0, 2.0, -0.5]
+        found = frames.start_frames(statics, seen, ())
+        assert frames.rigid_errors(statics, seen, found).max() < 1e-9
+        elsewhere += frames._search(statics, seen, (), first)[0] > 0.2
+    assert elsewhere == 4
 
 
 def test_a_tilt_is_found_though_the_search_meets_a_singular_covariance() -> None:
