@@ -237,7 +237,7 @@ class ClosedLoop:
             self._arrays["one_work"] = own
             one_work = own.ctypes.data if own.size else None
         at = {name: array.ctypes.data for name, array in self._arrays.items()}
-        if not library.parameter_names:
+        if all(port.name != "parameters" for port in library.forward_dynamics.inputs):  # the robots do not need them
             at["parameters"] = 0
         kept = {name: at[name] or None for name in ARRAYS}
         terms = self._arrays["encoder_error"]

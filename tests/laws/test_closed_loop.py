@@ -228,6 +228,20 @@ def test_each_robot_has_its_own_parameters():
     assert np.abs(together[:, 0] - together[:, 1]).max() > 1e-6 < np.abs(together[:, 0] - together[:, 2]).max()
 
 
+def test_a_payload_that_moves_nothing_changes_nothing():
+    """That of four_mass is on its axis: the function in C has no parameters, and wrote accelerations over them."""
+    model = flexgen.read("four_mass")
+    loop, at_rest, _, _ = loop_of(model, DriveHardware(T), lanes=2)
+    library = library_with(model, ("forward_dynamics",), parameters=("payload.mass",), per_point=True)
+    loaded = ClosedLoop(
+        model, library, DriveHardware(T), default_cascade(model), loop.state[0], loop.state[2], 1.0,
+        steps=loop.steps, parameters=np.array([[0.0], [1.0]]),
+    )  # fmt: skip
+    loaded.hold(at_rest[:, model.n_m :])
+    reference = moving(at_rest, model.n_m, 50)
+    assert np.array_equal(loaded.run(reference, 50).q_m, loop.run(reference, 50).q_m)
+
+
 def test_disturbances_act_where_and_when_they_should():
     """A torque on the motor and a force on the tool of a linear robot against the matrix exponential, step by step."""
     A, B, model, _ = linear_robot()
