@@ -27,7 +27,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.output_columns import output_units
 from flexgen.mechanics.statics import hold_motors
 from flexgen.model.elements import BacklashSpring, Body, CubicSpring, Element, LinearSpring, RobotModel, Spring
-from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.path import Path
 from flexgen.trajectory import Trajectory
 
@@ -242,7 +242,7 @@ class _Run:
         model = self.equations.model
         n, n_a, n_m, i_m, i_g = model.dof, model.n_a, model.n_m, list(model.i_m), list(model.i_g)
         equilibrium = hold_motors(self.equations, self.q_m_start, self.q_start)
-        state_rate = self.equations.function("state_rate")
+        state_rate = Evaluator(self.equations.function("state_rate"))
         largest = 0.0
 
         def motors(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -266,7 +266,7 @@ class _Run:
             nonlocal largest
             tau, integrator = torque(t, x)
             largest = max(largest, float(np.abs(tau).max()))
-            return np.concatenate([np.array(state_rate(x[: 2 * n], tau)).ravel(), integrator])
+            return np.concatenate([state_rate(x[: 2 * n], tau)[0].ravel(), integrator])
 
         held = np.zeros(n_m) if self.gains is None else equilibrium.tau_m - self.torque(self.first)
         start = np.concatenate([equilibrium.q_a, equilibrium.q_m[i_m], np.zeros(n), held])
