@@ -12,6 +12,7 @@ Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 2-4.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -63,21 +64,34 @@ def cross_matrix(a: ca.SX) -> ca.SX:
 
 def rotation(axis: np.ndarray, q: ca.SX) -> ca.SX:
     """``exp(axis q)``: rotation about a constant unit axis (Rodrigues); exact zeros for coordinate axes."""
-    a = ca.SX(ca.DM(axis))
-    hat = cross_matrix(a)
+    outer, other, hat = _parts(axis.astype(float).tobytes())
+    return outer + other * ca.cos(q) + hat * ca.sin(q)
+
+
+@lru_cache(maxsize=64)
+def _parts(axis: bytes) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """``a a'``, ``1 - a a'``, ``a x`` of an axis, given by its bytes: -0.0 is not 0.0."""
+    a = ca.SX(ca.DM(np.frombuffer(axis)))
     outer = ca.mtimes(a, a.T)
-    return outer + (ca.SX.eye(3) - outer) * ca.cos(q) + hat * ca.sin(q)
+    return outer, ca.SX.eye(3) - outer, cross_matrix(a)
 
 
 def place(frame: Frame, placement: Placement) -> Frame:
     """The frame fixed to ``frame`` at a constant placement."""
-    r, C = ca.SX(ca.DM(placement.position)), ca.SX(ca.DM(np.array(placement.rotation)))
+    r, C, back = _constants(*(np.array(x, float).tobytes() for x in (placement.position, placement.rotation)))
     return Frame(
         p=frame.p + ca.mtimes(frame.R, r),
         R=ca.mtimes(frame.R, C),
-        w=ca.mtimes(C.T, frame.w),
-        v=ca.mtimes(C.T, frame.v + ca.cross(frame.w, r)),
+        w=ca.mtimes(back, frame.w),
+        v=ca.mtimes(back, frame.v + ca.cross(frame.w, r)),
     )
+
+
+@lru_cache(maxsize=64)
+def _constants(position: bytes, rotation: bytes) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """A position, a rotation matrix and its inverse, from their bytes; CasADi converts arrays slowly."""
+    C = ca.SX(ca.DM(np.frombuffer(rotation).reshape(3, 3)))
+    return ca.SX(ca.DM(np.frombuffer(position))), C, C.T
 
 
 def _matrix(rows: Matrix) -> ca.SX:
