@@ -12,7 +12,7 @@ import numpy as np
 
 from flexgen.analysis.second_order import motor_rows
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.linearization import second_order_matrices
+from flexgen.mechanics.linearization import check_inertia, second_order_matrices
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.numerics.evaluate import evaluate
@@ -60,6 +60,7 @@ def linearize(equations: Equations, rest: Equilibrium) -> LinearModel:
     arguments = (rest.q_a, zero_a, zero_a, rest.q_m, zero_m, zero_m, rest.tau_m)
     M, R = evaluate(equations.function("residual_jacobians"), *arguments)
     M, D, K, B = second_order_matrices(M[0], R[0])
+    check_inertia(model, M)
     W = np.zeros((model.output.size, model.dof))
     symbol = equations.lagrangian.chain.q_a
     rate = evaluate(ca.Function("W", [symbol], [output_map(equations).rate]), rest.q_a)[0][0]

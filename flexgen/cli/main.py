@@ -230,7 +230,7 @@ def _numerical(error: BaseException) -> bool:
     """Whether the error is numerical: overflow, division by zero, a singular matrix, numbers that are not finite."""
     if isinstance(error, ArithmeticError) or any(kind.__name__ == "LinAlgError" for kind in type(error).__mro__):
         return True
-    return isinstance(error, ValueError) and "infs or NaNs" in str(error)  # raised by scipy for its arguments
+    return isinstance(error, ValueError) and "infs or nans" in str(error).lower()  # raised by scipy for its arguments
 
 
 def _reason(error: BaseException, args: argparse.Namespace) -> str:

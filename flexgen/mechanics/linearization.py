@@ -9,8 +9,12 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from flexgen.errors import ModelError
 from flexgen.mechanics.dynamics import MOTION, STATE, symbols_of
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
+from flexgen.model.elements import RobotModel
+
+SINGULAR = 1e-14  # least eigenvalue of a mass matrix whose diagonal is scaled to 1
 
 
 def inverse_dynamics_derivatives(system: System) -> Built:
@@ -60,6 +64,27 @@ def second_order_matrices(M: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.
     """
     n = R.shape[-2]
     return M.reshape(*R.shape[:-1], n), R[..., n : 2 * n], R[..., :n], 0.0 - R[..., 2 * n :]  # (no zeros with a sign)
+
+
+def check_inertia(model: RobotModel, M: np.ndarray) -> None:
+    """ModelError where a mass matrix (..., n, n) is singular, which names a coordinate that moves no inertia."""
+    size = np.sqrt(np.abs(np.einsum("...ii->...i", M)))
+    size = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(M / size[..., :, None] / size[..., None, :])
+    if values[..., 0].min() > SINGULAR:
+        return
+    worst = vectors[np.unravel_index(values[..., 0].argmin(), values.shape[:-1])][:, 0]
+    element, name = [
+        *((f"element.{c.element}", c.name) for c in model.coordinates),
+        *((f"motor.{model.motors[j].name}", model.motors[j].name) for j in model.i_m),
+    ][int(np.abs(worst).argmax())]
+    raise ModelError(
+        model.file,
+        0,
+        element,
+        f"a robot whose inertia matrix is singular: {name} moves no inertia of its own",
+        "mass or moments of inertia behind each coordinate, and no two coordinates about the same line at one place",
+    )
 
 
 def linearize(system: System) -> Built:

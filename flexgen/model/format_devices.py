@@ -96,6 +96,13 @@ def _check_ripple(table: Table, here: Context) -> None:
         raise table.fail("torque_ripple", "amplitudes whose sum is below 1", f"a sum of {ripple.bound():.3g}")
 
 
+def _check_encoder(table: Table, here: Context) -> None:
+    error = here.values["encoder_error"]
+    if error is not None and error.bound(1) >= 1.0:
+        expected = "amplitudes whose sum, each times its harmonic, is below 1: the reading rises with the angle"
+        raise table.fail("encoder_error", expected, f"a sum of {error.bound(1):.3g}")
+
+
 def _read_curve(table: Table, key: Key, here: Context) -> tuple[tuple[float, float], ...]:
     from flexgen.spec.curve import read_curve
 
@@ -141,7 +148,7 @@ MOTOR = Format(
         Key("torque_speed", _CURVE, _POINTS, "rad/s, N m", default=()),
         Key("cogging", sub(COGGING), "torque on the rotor in addition, over the motor angle", default=None),
         Key("torque_ripple", sub(RIPPLE), _SHARE, default=None, check=_check_ripple),
-        Key("encoder_error", sub(ENCODER_ERROR), _SHOWN, default=None),
+        Key("encoder_error", sub(ENCODER_ERROR), _SHOWN, default=None, check=_check_encoder),
         Key("lugre", sub(lugre), "friction with a state, in addition to friction", default=None),
     ),
     make=lambda drives, **values: Motor(drives=tuple(drives), **values),

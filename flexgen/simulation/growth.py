@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.linearization import second_order_matrices
+from flexgen.mechanics.linearization import check_inertia, second_order_matrices
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.result import AFTER
@@ -94,6 +94,7 @@ def linearize_along(equations: Equations, motion: Motion) -> Linearized:
     arguments = (motion.q_a, motion.v_a, motion.a_a, motion.q_m, motion.v_m, motion.a_m, motion.tau_m)
     n = model.dof
     M, D, K, _ = second_order_matrices(*evaluate(equations.function("residual_jacobians"), *(x[at] for x in arguments)))
+    check_inertia(model, M)
     side = np.ones(n)
     side[model.n_a :] = np.abs(model.eta).max(axis=1)[list(model.i_m)]
     A, force = np.zeros((len(at), 2 * n, 2 * n)), np.linalg.inv(M) / side[:, None]

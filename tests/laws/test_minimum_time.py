@@ -92,12 +92,14 @@ def test_less_vibration_costs_a_little_time(planar):
 
 @pytest.mark.slow
 def test_a_bound_of_the_rates_is_kept_and_costs_time(planar):
+    """Between the samples of the result too: on the mesh that `solve` begins with, its torques ripple."""
     found = flexgen.fastest("planar5_nmp", torque_rate=1.5, progress=False)
-    rates = []
-    for solution in (found.default, found.solution):
-        t = solution.trajectory
-        rates.append(np.abs(np.gradient(t["tau_m"], t.time, axis=0)).max(axis=0))
-    assert np.all(rates[1] <= 1.51 * rates[0]) and found.duration_s > planar.duration_s
+    path, bound = found.solution.trajectory, np.array(found.limits.torque_rate)
+    t = np.linspace(path.time[0], path.time[-1], 8 * len(path.time))
+    rate = np.abs(np.diff(path.at(t)["tau_m"], axis=0)).max(axis=0) / (t[1] - t[0])
+    given = found.default.trajectory
+    assert bound == pytest.approx(1.5 * np.abs(np.gradient(given["tau_m"], given.time, axis=0)).max(axis=0))
+    assert 0.99 < (rate / bound).max() <= 1.0 + 5e-4 and found.duration_s > planar.duration_s
 
 
 @pytest.mark.slow

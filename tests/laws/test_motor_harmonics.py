@@ -236,6 +236,7 @@ def test_hysteresis_and_sums_together() -> None:
         ("motor.m1.cogging", {"harmonics": [1]}, "a list cos or sin"),
         ("motor.m1.cogging", {"harmonics": [1, 2], "sin": [1]}, "given 1 numbers, expected 2"),
         ("motor.m1.torque_ripple", {"harmonics": [1], "sin": [1]}, "sum is below 1"),
+        ("motor.m1.encoder_error", {"harmonics": [2], "sin": [0.5]}, "the reading rises with the angle"),
         ("element.link.dof.q1.gear.transmission_error", {"harmonics": [9], "sin": [1e-3]}, "below 0.5"),
     ],
 )

@@ -542,6 +542,7 @@ def test_unexpected_ends(ask, monkeypatch, error, expected):
         ZeroDivisionError("division"),
         ArithmeticError(),
         ValueError("array must not contain infs or NaNs"),
+        ValueError("Array must not contain infs or nans."),
     ],
 )
 def test_numerical_failures_name_the_model(ask, monkeypatch, error):

@@ -10,6 +10,7 @@ from shipped_models import all_variants
 
 import flexgen
 from flexgen.cli.main import main
+from flexgen.errors import ModelError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.plausibility.finding import MARKS
@@ -23,6 +24,13 @@ def test_the_models_that_come_with_flexgen_pass(model):
     assert not found.errors and len(found.findings) >= 10, found
     assert all(finding.mark in MARKS and finding.key and finding.usual for finding in found.findings)
     assert all(finding.advice for finding in found.warnings) and len(repr(found).splitlines()) < 25
+
+
+@pytest.mark.parametrize("verb", [flexgen.check, flexgen.solve])
+def test_a_coordinate_that_moves_no_inertia_is_named(verb):
+    massless = read("elbow", overrides={"element.fore.body": {"mass": 0.0}})
+    with pytest.raises(ModelError, match="element.fore: given a robot whose inertia matrix is singular: q2 moves no"):
+        verb(massless)
 
 
 def planted(robot: RobotModel, kind: str) -> list[tuple[str, float]]:
