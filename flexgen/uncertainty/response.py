@@ -269,14 +269,16 @@ def linear_response(along: Along) -> Response:
 def response(along: Along, errors: np.ndarray) -> Response:
     """Response of robots whose sources have these errors (robots, sources), with the matrices of each."""
     own = [np.tensordot(errors, x, 1) for x in along.constant]
-    some = list(along.varying)
-    parts = along.M, along.D, along.K
+    some, n = list(along.varying), along.M.shape[1]
+    changes = [np.array([along.varying[j][i] for j in some]).reshape(len(some), len(along.t), n * n) for i in range(3)]
+    by_time = [np.ascontiguousarray(x.transpose(1, 0, 2)) if x.any() else None for x in changes]
+    given = errors[:, some]
 
     def matrices(k: int) -> Matrices:
-        if not some:
-            return own[0] + along.M[k], own[1] + along.D[k], own[2] + along.K[k]
-        changes = (np.array([along.varying[j][i][k] for j in some]) for i in range(3))
-        M, D, K = (x[k] + y + np.tensordot(errors[:, some], z, 1) for x, y, z in zip(parts, own, changes, strict=True))
+        M, D, K = (
+            x[k] + y if z is None else x[k] + y + (given @ z[k]).reshape(-1, n, n)
+            for x, y, z in zip((along.M, along.D, along.K), own, by_time, strict=True)
+        )
         return M, D, K
 
     states, late = [each.robots(errors) for each in along.states], along.late(errors)

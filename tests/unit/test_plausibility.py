@@ -29,7 +29,7 @@ def test_the_models_that_come_with_flexgen_pass(model):
 @pytest.mark.parametrize("verb", [flexgen.check, flexgen.solve])
 def test_a_coordinate_that_moves_no_inertia_is_named(verb):
     massless = read("elbow", overrides={"element.fore.body": {"mass": 0.0}})
-    with pytest.raises(ModelError, match="element.fore: given a robot whose inertia matrix is singular: q2 moves no"):
+    with pytest.raises(ModelError, match="singular: q2 moves no inertia"):
         verb(massless)
 
 
