@@ -33,6 +33,7 @@ from flexgen.mechanics.limit_use import uses_of_limits
 from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.output_columns import unit_of
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.friction import hysteretic_joints
 from flexgen.model.moves import Program
 from flexgen.paths.path import Path, check_range, find_move
 from flexgen.paths.place_force import force_along, make_place_force, of_motion
@@ -48,7 +49,7 @@ from flexgen.type_checks import checked_result, checked_types
 
 COEFFICIENTS = 16
 TIME_LIMIT = 600.0  # s, of a search
-CHECKS = 20  # of the solution
+CHECKS = 20  # of the solution of a robot with hysteresis
 AGAINST, ROUNDS, SLACK = "95 %", 5, 1e-3  # searches with a margin; relative excess of a limit that is accepted
 
 
@@ -333,21 +334,23 @@ def _find_fastest(
     if isinstance(search, TimeSearch) and search.swings is not None:
         x = search.calm(x, history)
     seconds = perf_counter() - began, process_time() - cpu
-    mesh = None
+    mesh, jumps = None, bool(hysteretic_joints(robot))
     for _ in range(CHECKS):
         timed = search.move(x)
         tell(f"verifying {timed.duration:.4f} s")
         pushing = None if force is None else force_along(force, search.retime(x))
         found = solve(robot, timed, mesh=mesh, ignore_limits=True, force=pushing, progress=shown)
-        over = _excess(found, own)
+        over = _excess(found, own) if jumps or own.torque_rate or own.torque_speed else 0.0
         if over <= KEPT:
             break
-        if mesh is None and found.method == "lq":  # the rates of its torques ripple with the mesh
+        if mesh is None and found.method == "lq":  # torques ripple with the mesh, and their rates more
             mesh = MESH_S / FINER
-        else:  # the torque jumps where a gear with hysteresis reverses: samples at other instants see more of it
+        elif jumps:  # where a gear with hysteresis reverses: samples at other instants see more of it
             x = search.slower(x, over)
+        else:
+            break
     else:
-        raise SolverError(f"fastest: a limit stays exceeded by {over:.1e} of it; increase it")
+        raise SolverError(f"fastest: a limit stays exceeded by {over:.1e} of it where gears reverse; increase it")
     new, given = (search.vibrations(solution) for solution in (found, default))
     rigid = [rigid_time(leg, *own.arrays(robot.n_m), of_motion(force, k)) for k, leg in enumerate(legs_of(path))]
     pauses = path.duration - sum(segment.law.duration for segment in path.segments)
