@@ -335,12 +335,13 @@ def _find_fastest(
         x = search.calm(x, history)
     seconds = perf_counter() - began, process_time() - cpu
     mesh, jumps = None, bool(hysteretic_joints(robot))
+    steep = not several and (own.torque_rate or own.torque_speed)  # a fine mesh of a long program takes minutes
     for _ in range(CHECKS):
         timed = search.move(x)
         tell(f"verifying {timed.duration:.4f} s")
         pushing = None if force is None else force_along(force, search.retime(x))
         found = solve(robot, timed, mesh=mesh, ignore_limits=True, force=pushing, progress=shown)
-        over = _excess(found, own) if jumps or own.torque_rate or own.torque_speed else 0.0
+        over = _excess(found, own) if jumps or steep else 0.0
         if over <= KEPT:
             break
         if mesh is None and found.method == "lq":  # torques ripple with the mesh, and their rates more
