@@ -335,6 +335,8 @@ def test_principal_axes_with_a_small_tilt(tilt, monkeypatch):
     def upright(tensor):
         """The decomposition whose axes are closest to those of the body; the signs are free."""
         moments, axes = decompose(tensor)
+        if tensor.shape != (3, 3):  # a mass matrix
+            return moments, axes
         near = np.abs(np.abs(axes) - np.eye(3)).max() < 0.1
         return moments, axes * np.sign(np.diag(axes)) if near else axes
 
