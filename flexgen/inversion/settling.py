@@ -34,7 +34,7 @@ NOTED = 1e-2  # of the accuracy: residual motion at the end from which a warning
 SHORTEST = 0.05  # s after the path
 LONGEST_DECAY = 200.0  # s after the path, where vibrations decay slowly
 MARGIN = 1.1  # of the time of their decay
-LENGTHENED = 1.05  # times the samples after the path, at least, for another inversion
+REDUCED = 0.1  # of the motion, at most, is left where more time is taken
 
 
 def invert_until_settled(
@@ -43,7 +43,7 @@ def invert_until_settled(
     """The inversion until nothing moves any more after the path, to equilibrium, and warnings.
 
     Where the motion has not decayed, it is computed again with the time that it needs by the slowest zero at the end
-    of the path, at most ``LONGEST_DECAY``.
+    of the path, at most ``LONGEST_DECAY``; not where it would still move the output by more than the accuracy then.
 
     Parameters
     ----------
@@ -77,22 +77,20 @@ def invert_until_settled(
             # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
             # ripple of a mesh that does not resolve the fastest of them
             return _fade_to_equilibrium(problem, found, end), slow_gears(problem)
-        decay = _slowest_decay(problem)
-        more = MARGIN * decay * np.log(size[-1] / (SETTLED * problem.accuracy))
+        decay, after = _slowest_decay(problem), n_post * found.period
         longest = min(LONGEST_DECAY, (SAMPLES - len(found.q_a) + n_post) * found.period)
-        longer = int(min(n_post * found.period + more, longest) / found.period)
-        if not np.isfinite(decay) or longer < LENGTHENED * n_post:
+        longer = min(after + MARGIN * decay * np.log(size[-1] / (SETTLED * problem.accuracy)), longest)
+        left = np.exp((after - longer) / decay)
+        if left > REDUCED or left * size[-1] > problem.accuracy:
             units = sorted(set(output_units(problem.equations.model)))
             return found, (
-                f"the motion has not decayed {n_post * found.period:.3g} s after the path: the deflections still move "
-                f"the output by about {size[-1]:.1e} {' or '.join(units)}, with a time constant of {decay:.3g} s; the "
-                f"simulated error covers {HELD:g} s with the last torque held; damp the springs that are not actuated, "
-                "or excite them less by a slower or smoother move",
+                f"the motion has not decayed {after:.3g} s after the path: the deflections still move the output by "
+                f"about {size[-1]:.1e} {' or '.join(units)}, with a time constant of {decay:.3g} s; the simulated "
+                f"error covers {HELD:g} s with the last torque held; damp the springs that are not actuated, or "
+                "excite them less by a slower or smoother move",
             )
-        problem.log(
-            f"vibrations decay with {decay:.3g} s: inverting until {longer * found.period:.3g} s after the path"
-        )
-        n_post = longer
+        problem.log(f"vibrations decay with {decay:.3g} s: inverting until {longer:.3g} s after the path")
+        n_post = int(longer / found.period)
 
 
 def _slowest_decay(problem: InversionProblem) -> float:
