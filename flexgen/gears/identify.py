@@ -14,7 +14,7 @@ from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import Element
 from flexgen.gears.fit import FRICTIONS, LOST, NO_LOST, Estimate, GearModel, Sought, estimate
 from flexgen.gears.result import WEAK, GearFit, GearStatus, Number
-from flexgen.gears.signals import signals_of
+from flexgen.gears.signals import Signals, signals_of
 from flexgen.mechanics.equations import derive, robot_of
 from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.lagrangian import gears as gears_of
@@ -32,6 +32,7 @@ from flexgen.type_checks import checked_types
 SHARP = 2.0  # exponent where the search for it begins, at least
 NOISE, LEAST = 1.5, 5e-4  # residuals over those that noise explains, and over the torques: more is a model error
 EXCESS = 3.0  # the same in a band of frequencies
+NARROWER = (0.6, 0.36)  # times the band: where noise hides a gear, the model agrees in a narrower one
 
 
 @checked_types(own=("band_hz", "harmonics", "cogging"))
@@ -78,7 +79,8 @@ def identify_gears(
         Other numbers of the model that are fitted too, see `flexgen.mechanics.parameters`; default: stiffness and
         damping of these gears. Frictions and constant torques of the motors, and a delay of the torques, always are.
     band_hz : float, optional [Hz]
-        Frequencies that are compared; default: as far as the motion is above the noise of the angles.
+        Frequencies that are compared; default: as far as the motion is above the noise of the angles. Where the model
+        agrees only below 0.6 or 0.36 of that, the status is "noise too large".
     progress : callable or bool, optional
 
     Returns
@@ -122,8 +124,22 @@ def identify_gears(
     orders, of_motors = _orders("harmonics", harmonics), _orders("cogging", cogging)
     first = _first_elements(robot, gears, elements, exponents)
     sought = Sought(first, exponents, chosen if orders else (), orders, of_motors)
-    fit = GearModel(derive(plain, [parameter.name for parameter in fitted]), sought, signals)
-    return _result(robot, fitted, fit, estimate(fit, tell))
+    equations = derive(plain, [parameter.name for parameter in fitted])
+
+    def fit(signals: Signals) -> GearFit:
+        model = GearModel(equations, sought, signals)
+        return _result(robot, fitted, model, estimate(model, tell))
+
+    result = fit(signals)
+    for part in () if band_hz is not None or result.status is GearStatus.FITTED else NARROWER:
+        tell(f"{result.status}: comparing motions below {part * result.band_hz:.3g} Hz only")
+        try:
+            less = signals_of(record, robot.n_m, part * result.band_hz)
+        except ArgumentError:  # the record is too short for it
+            break
+        if fit(less).status is GearStatus.FITTED:
+            return replace(result, status=GearStatus.NOISE)
+    return result
 
 
 def _first_elements(robot: RobotModel, gears: Sequence[int], count: int | None, exponents: bool) -> tuple[Element, ...]:

@@ -39,6 +39,11 @@ class GearStatus(ExplainedStatus):
         "The search for the best numbers did not come to an end.",
         "Do not use the numbers; begin with a model that is nearer to the robot, or fit fewer numbers.",
     )
+    NOISE = (
+        "noise too large",
+        "The model agrees with the record below a part of the frequencies only: noise of the angles hides a gear.",
+        "Do not use the numbers; record a longer or a larger motion, or angles with less noise.",
+    )
 
 
 @dataclass(frozen=True)

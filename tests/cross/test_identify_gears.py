@@ -55,6 +55,17 @@ def check_hysteresis(found: flexgen.GearFit) -> None:
 
 
 @pytest.mark.slow
+def test_noise_that_hides_a_gear_is_not_a_model_error() -> None:
+    """Stiff gears with light rotors: noise of 1e-4 rad hides the second one in 12 s, though the law is right."""
+    record, model = hysteretic_record("elbow", 12.0, step=5e-4), model_of("elbow")
+    lines: list[str] = []
+    found = flexgen.identify_gears(model, with_noise(record, NOISE), progress=lines.append)
+    assert found.status is GearStatus.NOISE and set(found.sd.values()) == {None}
+    assert any("comparing motions below" in line for line in lines)
+    assert flexgen.identify_gears(model, with_noise(record, 1e-5), progress=False).status is GearStatus.FITTED
+
+
+@pytest.mark.slow
 def test_twelve_seconds_without_noise_give_the_loop(short: flexgen.Trajectory, tmp_path: Path) -> None:
     found = flexgen.identify_gears(model_of("planar5_nmp"), short, progress=False)
     check_hysteresis(found)
