@@ -148,10 +148,8 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
         force[delay] += (late(short) - late(-short))[:, 0] / (2 * short[0, delay])
     all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
     motors = tuple(motor.name for motor in model.motors)
-    known = np.arange(len(sources.names)) != delay  # whose forces are linear in the errors
-    return Along(
-        t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, motion, states, known, late
-    )  # fmt: skip
+    rest = motion, states, np.arange(len(sources.names)) != delay, late
+    return Along(t, M, D, K, B, force, constant, all_of, feedback, W, units, twist, springs, motors, *rest)
 
 
 def _knots(v_a: np.ndarray) -> np.ndarray:
