@@ -107,16 +107,9 @@ def identify_gears(
     robot = robot_of(model)
     refuse_harmonics(robot, "identify_gears")
     record = record if isinstance(record, Trajectory) else Trajectory.load(record)
-    signals = signals_of(record, robot.n_m, band_hz)
     chosen = _choose(robot, joints)
     gears = chosen if hysteresis else ()
-    known = {robot.coordinates[robot.i_g[k]].name for k in gears}
-    ignored = [name for name in hysteretic_joints(robot) if name not in known]
-    if ignored:
-        raise ArgumentError(
-            f"joints, hysteresis: given a fit without that of {', '.join(ignored)}, which {robot.title} has, expected "
-            "these joints too, or a model without their hysteresis"
-        )
+    _refuse_ignored(robot, gears)
     names = [robot.coordinates[robot.i_g[k]].name for k in chosen]
     free = [f"{name}.{kind}" for name in names for kind in ("stiffness", "damping")] if free is None else list(free)
     plain = without_hysteresis(robot)
@@ -130,14 +123,32 @@ def identify_gears(
         model = GearModel(equations, sought, signals)
         return _result(robot, fitted, model, estimate(model, tell))
 
-    result = fit(signals)
-    for part in () if band_hz is not None or result.status is GearStatus.FITTED else NARROWER:
-        tell(f"{result.status}: comparing motions below {part * result.band_hz:.3g} Hz only")
+    result = fit(signals_of(record, robot.n_m, band_hz))
+    final = band_hz is not None or result.status is GearStatus.FITTED
+    return result if final else _in_narrower_bands(result, lambda hz: fit(signals_of(record, robot.n_m, hz)), tell)
+
+
+def _refuse_ignored(robot: RobotModel, gears: Sequence[int]) -> None:
+    """ArgumentError where the robot has gears with hysteresis that are not fitted."""
+    known = {robot.coordinates[robot.i_g[k]].name for k in gears}
+    ignored = [name for name in hysteretic_joints(robot) if name not in known]
+    if ignored:
+        raise ArgumentError(
+            f"joints, hysteresis: given a fit without that of {', '.join(ignored)}, which {robot.title} has, expected "
+            "these joints too, or a model without their hysteresis"
+        )
+
+
+def _in_narrower_bands(result: GearFit, fit: Callable[[float], GearFit], tell: Callable[[str], None]) -> GearFit:
+    """The result, as one that noise spoils where the model agrees in a narrower band."""
+    for part in NARROWER:
+        band = part * result.band_hz
+        tell(f"{result.status}: comparing motions below {band:.3g} Hz only")
         try:
-            less = signals_of(record, robot.n_m, part * result.band_hz)
+            agrees = fit(band).status is GearStatus.FITTED
         except ArgumentError:  # the record is too short for it
             break
-        if fit(less).status is GearStatus.FITTED:
+        if agrees:
             return replace(result, status=GearStatus.NOISE)
     return result
 
