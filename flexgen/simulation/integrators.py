@@ -28,7 +28,7 @@ from flexgen.simulation.compiled_rate import CompiledDop853, CompiledRate
 from flexgen.simulation.motor_feedback import MotorFeedback
 
 EVALUATIONS = 5_000_000  # a few minutes of the explicit method; a long motion may take LONG each second
-LONG = 1e5
+LONG = 3e5
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
 BLOCK = 5_000  # evaluations over which the rate is measured
 RTOL_STIFF, ATOL_STIFF = 1e-10, 1e-11  # below them the implicit method solves for rounding
