@@ -99,7 +99,7 @@ def find_tilt(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarr
     found = [(_likelihood(r, tilt_slopes(statics, numbers, rest, name)[complete]), name) for name in shared]
     (least, x), name = min(found, key=lambda one: one[0][0])
     alone = 0.5 * r.size * (np.log((r**2).mean()) + 1.0)
-    if 2.0 * (alone - least) < 2.0 * gammainccinv(1.5, CHANCE / len(shared)):
+    if alone - least < gammainccinv(1.5, CHANCE / len(shared)):  # half of the chi-squared number
         return None
     sd = np.exp(x / 2)
     return Tilt(name, float(sd[0]), sd[1:], float(np.sqrt((r**2).mean())))

@@ -49,12 +49,12 @@ def start_frames(statics: Statics, measured: np.ndarray, placed: Sequence[str]) 
     first = replace(Numbers.of(tree), compliances=np.zeros(len(tree.elastic)))
     if not placed:
         error, numbers = _search(statics, measured, placed, first)
-        points, valid = statics.rest(first, rigid=True).points, np.isfinite(measured).all(axis=2)
-        R, t = best_pose(points[valid], measured[valid])
-        if error > WRONG * np.linalg.norm(measured[valid] - measured[valid].mean(axis=0), axis=1).mean():
-            other = _search(statics, measured, placed, replace(first, frame=np.concatenate([t, angles_of(R)])))
-            return min((error, numbers), other, key=lambda one: one[0])[1]
-        return numbers
+        valid = np.isfinite(measured).all(axis=2)
+        if error <= WRONG * np.linalg.norm(measured[valid] - measured[valid].mean(axis=0), axis=1).mean():
+            return numbers
+        R, t = best_pose(statics.rest(first, rigid=True).points[valid], measured[valid])
+        other = _search(statics, measured, placed, replace(first, frame=np.concatenate([t, angles_of(R)])))
+        return min((error, numbers), other, key=lambda one: one[0])[1]
     found = []
     random = np.random.default_rng(0)
     rows = np.flatnonzero(np.isfinite(measured).all(axis=(1, 2)))

@@ -233,10 +233,10 @@ def test_a_payload_that_moves_nothing_changes_nothing():
     model = flexgen.read("four_mass")
     loop, at_rest, _, _ = loop_of(model, DriveHardware(T), lanes=2)
     library = library_with(model, ("forward_dynamics",), parameters=("payload.mass",), per_point=True)
-    loaded = ClosedLoop(
-        model, library, DriveHardware(T), default_cascade(model), loop.state[0], loop.state[2], 1.0,
-        steps=loop.steps, parameters=np.array([[0.0], [1.0]]),
-    )  # fmt: skip
+    start = loop.state[0], loop.state[2], 1.0
+    masses = np.array([[0.0], [1.0]])
+    hardware = DriveHardware(T)
+    loaded = ClosedLoop(model, library, hardware, default_cascade(model), *start, steps=loop.steps, parameters=masses)
     loaded.hold(at_rest[:, model.n_m :])
     reference = moving(at_rest, model.n_m, 50)
     assert np.array_equal(loaded.run(reference, 50).q_m, loop.run(reference, 50).q_m)
