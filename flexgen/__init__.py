@@ -296,6 +296,7 @@ _RESULTS = {
     "FastestMove.plot": "flexgen.plots.signals:plot_fastest",
     "Frf.plot": "flexgen.plots.identification:response_grid",
     "Frf.report": "flexgen.reports.identification_page:write_responses",
+    "RobotModel.numbers": "flexgen.mechanics.parameters:names_of_numbers",
     "Path.plot": "flexgen.plots.signals:plot_path",
     "PositionCommands.plot": "flexgen.plots.servo:plot_commands",
     "ServoFit.plot": "flexgen.plots.servo:plot_fit",

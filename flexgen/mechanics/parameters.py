@@ -118,6 +118,13 @@ def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
     return tuple(parameter for parameter, groups in every if any(name in groups for name in names))
 
 
+def names_of_numbers(model: RobotModel) -> list[str]:
+    """The names of all numbers of a model that may be parameters, in its order."""
+    found: dict[str, float] = {}
+    _walk(model, lambda parameter, *groups: found.setdefault(parameter.name, parameter.value))
+    return list(found)
+
+
 def with_values(model: RobotModel, values: Mapping[str, Any]) -> RobotModel:
     """The model with other values of some numbers; the keys of ``values`` are names of parameters."""
     if not values:

@@ -6,6 +6,8 @@ from dataclasses import replace
 from itertools import product
 from typing import Any
 
+import numpy as np
+
 from flexgen.model import format_robot as robot
 from flexgen.model.elements import Beam, Bending, Body, Element, Matrix, Placement, Tool, Vector
 from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
@@ -139,6 +141,7 @@ def _check_size(table: Table, here: Context) -> None:
 # --- the file ---------------------------------------------------------------------------------------------------------
 
 
+ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
 _SD, _SPREAD = number(least=0.0, most=5.0), "standard deviation of {}, relative"
 
 
@@ -155,6 +158,9 @@ def _check_uncertainty(table: Table, here: Context) -> None:
     entries = {(i, j): x for (i, j), x in zip(product(range(len(n)), repeat=2), rows, strict=False)}
     if any(x != entries[j, i] or (i == j and x != 1.0) for (i, j), x in entries.items()):
         raise table.fail("correlation", "a symmetric matrix with ones on its diagonal, row by row")
+    values = np.linalg.eigvalsh(np.reshape(rows, (len(n), -1))) if rows else np.ones(1)
+    if values[0] < -ROUNDING * values[-1]:
+        raise table.fail("correlation", "a matrix without negative eigenvalues", f"the eigenvalue {values[0]:.3g}")
 
 
 UNCERTAINTY = Format(

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.elements import RobotModel
 from flexgen.model.format import MODEL, VARIANT
 from flexgen.model.urdf_source import from_here, plain_urdf
+from flexgen.registry import find_function
 from flexgen.spec import toml_lines
 from flexgen.spec.keys import Context
 from flexgen.spec.keys import read as read_table
@@ -242,7 +244,15 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     found = read_table(root, MODEL, Context())
-    return RobotModel(**found, variant=variant, variants=variants, file=root.file, text=_canonical(root))
+    robot = RobotModel(**found, variant=variant, variants=variants, file=root.file, text=_canonical(root))
+    if robot.uncertainty is not None and robot.uncertainty.parameters:
+        known = find_function("RobotModel.numbers")(robot)
+        for name in robot.uncertainty.parameters:
+            if name not in known:
+                near = ", ".join(get_close_matches(name, known, 3, cutoff=0.0))
+                table = Table(root.file, root.entries["uncertainty"], "uncertainty")
+                raise table.fail("parameters", f"names of single numbers, such as {near}", show(name))
+    return robot
 
 
 def _check_inertia(root: Entry, robot: RobotModel) -> None:

@@ -93,7 +93,10 @@ def test_a_solution_writes_its_report(solution, tmp_path):
 
 
 # Called by other functions, such as `flexgen.solve`, `plot` and `write`, and not methods.
-INNER = ("Move.fastest", "Result.picture", "Estimated.uncertainty", "FastestMove.torques", "Solution.positions")
+INNER = (
+    *("Move.fastest", "Result.picture", "Estimated.uncertainty", "FastestMove.torques", "Solution.positions"),
+    "RobotModel.numbers",
+)
 
 
 def test_every_method_of_an_upper_package_is_there():
