@@ -97,6 +97,7 @@ def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResu
             "residual_at_samples": found.residual_at_samples,
             "converged": found.converged,
             "kinematic_mismatch": found.kinematic_mismatch,
+            **({"torque_error": found.torque_error} if np.isfinite(found.torque_error) else {}),
         },
         warnings=warnings,
     )

@@ -88,7 +88,7 @@ def solve(
         "full", "collocation"). If it fails, finer meshes and other methods are tried: ``details["attempts"]``.
     preview, mesh : float, optional [s]
         How long before the path the motion may begin; default, at most 60 s: `flexgen.analysis.zeros.preview`. Length
-        of the intervals or steps; default: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
+        of the intervals or steps; default, or less: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
         On motor torque, speed, deflection: "lq" modifies the path; "full", "collocation" optimize torque and error.
     verify, accuracy : bool, float [rad, and m for each meter of reach, at most m]
@@ -229,8 +229,7 @@ def _automatic_solution(problem: InversionProblem, method: Method, reached: Best
         outcomes.append(f"{candidate.name}: {found.details.get('missed', found.status)}")
     if best is not None:
         return replace(best, details={**best.details, "attempts": outcomes})
-    first = failures[0][1]
-    raise SolverError(f"{first}; tried: {'; '.join(outcomes)}") from first
+    raise SolverError(f"{failures[0][1]}; tried: {'; '.join(outcomes)}") from failures[0][1]
 
 
 def _raise_path_error(problem: InversionProblem) -> None:
@@ -314,8 +313,7 @@ def _refine(
             continue
         # the simulation of a program takes seconds, and so does that of a motion that decays slowly
         long = len(problem.path.segments) > 1 or solution.trajectory.time[-1] > duration + 2 * LONGEST_SETTLING
-        doubtful = hidden or long
-        if doubtful and not residual_is_small(solution) and attempt + (not hidden) < attempts:
+        if (hidden or long) and not residual_is_small(solution) and attempt + (not hidden) < attempts:
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
         checked = verify_by_simulation(problem, solution)
@@ -359,11 +357,13 @@ def _refusal(problem: InversionProblem, worst: float, energy_error: float) -> st
 
 def _with_ripple(solution: Solution) -> Solution:
     """The verified solution, with a warning where the torque ripples between its samples."""
-    if solution.residual_relative <= RIPPLE:
+    if solution.residual_relative <= RIPPLE and solution.details.get("converged", True):
         return solution
+    error = solution.details.get("torque_error")
+    estimated = f", estimated error {error:.0e} of the largest torque" if error is not None else ""
     text = (
         f"the samples do not resolve the motor torques: relative residual {solution.residual_relative:.1e} between "
-        "them, although the tool follows; is the path close to a singular pose? A finer mesh resolves more"
+        f"them{estimated}, although the tool follows; is the path rough, or close to a singular pose? Try another mesh"
     )
     return replace(solution, warnings=(*solution.warnings, text))
 

@@ -21,49 +21,23 @@ Differential Equations, 1995, ch. 5 (collocation), 6 (dichotomy), 7 (elimination
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-
-import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.methods.lq import LONGEST
-from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.methods.lq import invert_path
 from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import from_library, grid, sample_force, samples
-from flexgen.inversion.settling import invert_until_settled
-from flexgen.runtime.path_inversion import TOLERANCE
+from flexgen.inversion.sampling import from_library
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this processor."""
-    problem.check_options("bvp", "native")
     model = problem.equations.model
     if not model.n_e:
         raise ArgumentError(
             f"method bvp: model {model.name} has no non-actuated coordinates and no zero dynamics, expected some; "
             "use closed-form"
         )
-    library = inversion_library(
-        problem.equations,
-        "bvp",
-        () if problem.force is None else ("bvp", "force"),
-        native=bool(problem.options.get("native", False)),
-        progress=problem.progress,
-    )
-    n, period, samples_per_interval, n_pre, n_post = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
-    invert = partial(
-        library.bvp,
-        *samples(Reduction(problem.equations), problem.path, period, n),
-        period=period,
-        q_start=problem.path.q_start,
-        n_pre=n_pre,
-        samples_per_interval=samples_per_interval,
-        tolerance=TOLERANCE,
-        force=sample_force(problem, np.arange(n) * period),
-    )
-    found, warnings = invert_until_settled(problem, lambda n_post: invert(n_post=n_post), n_post)
+    found, warnings, _ = invert_path(problem, "bvp", h)
     solved = from_library(found, warnings)
     start, end = found.unstable_zeros_start, found.unstable_zeros_end
     details = {**solved.details, "unstable_zeros_start": start, "unstable_zeros_end": end}

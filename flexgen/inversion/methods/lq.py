@@ -15,49 +15,82 @@ Model Predictive Control, 2017, sec. 8.8 (Riccati recursion of Gauss-Newton step
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexgen.errors import SolverError
 from flexgen.inversion.limits import enforce_limits
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.model_library import SOLVERS, inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, sample_force, samples
 from flexgen.inversion.settling import SETTLED, invert_until_settled
 from flexgen.runtime.path_inversion import TOLERANCE
 
+if TYPE_CHECKING:
+    from flexgen.runtime.path_inversion import Inversion
+
 LONGEST = 1e-2  # s: longest interval
+PARTS = (2, 4)  # of an interval, where an inversion is not accurate by its own estimate
+REDUCED = 0.5  # of the estimated error of the torques, at most, is left on a mesh that is worth its time
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this processor."""
-    problem.check_options("lq", "native")
+    """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this processor.
+
+    Where the inversion has not converged, since its mesh does not resolve the torques, shorter intervals are taken as
+    long as they help. A simulation does not show such torques: the tool hardly follows ripples between the nodes.
+    """
+    settled = SETTLED * problem.accuracy
+    found, warnings, samples_per_interval = invert_path(problem, "lq", h, settled=settled)
+    for parts in PARTS if problem.mesh is None and problem.limits is None else ():
+        if found.converged:
+            break
+        problem.log(f"torques are off by about {found.torque_error:.0e} of the largest: halving the mesh")
+        try:
+            finer, noted, _ = invert_path(problem, "lq", h, parts, settled=settled)
+        except SolverError:
+            break
+        if not (finer.converged or finer.torque_error <= REDUCED * found.torque_error):
+            break
+        found, warnings = finer, noted
+    if problem.limits is not None:
+        return replace(enforce_limits(problem, found, samples_per_interval, TOLERANCE), warnings=warnings)
+    return from_library(found, warnings)
+
+
+def invert_path(
+    problem: InversionProblem, method: str, h: float, parts: int = 1, **more: Any
+) -> tuple[Inversion, tuple[str, ...], int]:
+    """The inversion by "lq" or "bvp", its warnings, and the samples of each interval.
+
+    The intervals have the length 2 ``h`` [s], at most 10 ms, or ``problem.mesh``, divided by ``parts``.
+    """
+    problem.check_options(method, "native")
     library = inversion_library(
         problem.equations,
-        "lq",
-        () if problem.force is None else ("invert", "force"),
+        method,
+        () if problem.force is None else (SOLVERS[method], "force"),
         native=bool(problem.options.get("native", False)),
         progress=problem.progress,
     )
-    path = problem.path
-    n, period, samples_per_interval, n_pre, n_post = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
-    y, dy, ddy = samples(Reduction(problem.equations), path, period, n)
+    n, period, samples_per_interval, n_pre, n_post = grid(
+        problem, (min(2 * h, LONGEST) if problem.mesh is None else h) / parts
+    )
     invert = partial(
-        library.invert,
-        y,
-        dy,
-        ddy,
+        getattr(library, SOLVERS[method]),
+        *samples(Reduction(problem.equations), problem.path, period, n),
         period=period,
-        q_start=path.q_start,
+        q_start=problem.path.q_start,
         n_pre=n_pre,
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
-        settled=SETTLED * problem.accuracy,
         force=sample_force(problem, np.arange(n) * period),
+        **more,
     )
     found, warnings = invert_until_settled(problem, lambda n_post: invert(n_post=n_post), n_post)
-    if problem.limits is not None:
-        return enforce_limits(problem, found, samples_per_interval, TOLERANCE)
-    return from_library(found, warnings)
+    return found, warnings, samples_per_interval

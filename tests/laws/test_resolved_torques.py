@@ -1,0 +1,78 @@
+"""`solve` takes a mesh that resolves the motor torques; the reference is a motion by Fourier transforms.
+
+The tool hardly follows a ripple of the torque between the nodes of a mesh, so the verification does not show it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+from selection import ROOT
+
+import flexgen
+from flexgen.inversion.methods import lq
+from flexgen.paths.path import Path, find_move
+
+LENGTH, N = 8.0, 2**16  # s, samples: the motion rests long before the path and long after it
+STIFFNESS, DAMPING, RATIO, ROTOR, VISCOUS = 100.0, 0.08, 220.0, 5e-3, 6e-3  # gear and motor of four_mass, motor side
+J1, J2, J3, DRAG = 96.8, 968.0, 968.0, 48.4
+K2, D2, K3, D3 = 5.324e6, 2904.0, 3.872e6, 3872.0
+ALLOWED = 5e-3  # of the largest torque: what C `invert` accepts
+
+
+@pytest.fixture
+def robot(tmp_path) -> flexgen.RobotModel:
+    """four_mass with a linear gear and a path read from a file, whose torque changes within hundredths of a second."""
+    t = np.linspace(0, 1, 51)
+    y = 0.05 * t**4 * (35 - 84 * t + 70 * t**2 - 20 * t**3) + 1e-4 * np.sin(np.pi * t) ** 8 * np.sin(30 * np.pi * t)
+    (tmp_path / "path.csv").write_text("t,y1\n" + "".join(f"{a:.8f},{b:.8f}\n" for a, b in zip(t, y, strict=True)))
+    move = '[[move]]\nname = "csv"\ntype = "sampled"\nfile = "path.csv"\nstart_rad = [0.0]\n'
+    file = tmp_path / "four_mass.toml"
+    text = (ROOT / "models/four_mass.toml").read_text()
+    head, first, rest = text.partition("[[move]]")
+    file.write_text(f"{head}{move}\n{first}{rest}")
+    return flexgen.read(file, variant="high")
+
+
+def torque_of(robot: flexgen.RobotModel) -> make_interp_spline:
+    """Motor torque [N m] of the path from the file over time [s].
+
+    Ratios of the angles a, b, c of the three masses, of the output 0.02 a + 0.6 b + 1.53 c and of the torques are
+    functions of s; differences such as b - c are divided by s, so that the speed of the output is enough.
+    """
+    t = np.arange(N) * LENGTH / N - LENGTH / 2
+    path = Path(flexgen.derive(robot), find_move(robot, "csv"))
+    speed = path.sample(np.clip(t, 0.0, path.duration)).y[:, 0, 1] * ((t > 0) & (t < path.duration))
+    s = 2j * np.pi * np.fft.rfftfreq(N, LENGTH / N)
+    of_c = J3 * s**2 + DRAG * s + K3 + D3 * s
+    c, lag_c = (K3 + D3 * s) / of_c, (J3 * s + DRAG) / of_c  # c/b and (1 - c/b)/s
+    of_b = J2 * s**2 + DRAG * s + (K3 + D3 * s) * (1 - c) + K2 + D2 * s
+    b, lag_b = (K2 + D2 * s) / of_b, (J2 * s + DRAG + (K3 + D3 * s) * lag_c) / of_b
+    v = np.fft.rfft(speed) / (0.02 + 0.6 * b + 1.53 * b * c)
+    gear = (J1 * s + DRAG + (K2 + D2 * s) * lag_b) * v / RATIO
+    v_m = RATIO * v + s * gear / (STIFFNESS + DAMPING * s)
+    return make_interp_spline(t, np.fft.irfft(ROTOR * s * v_m + VISCOUS * v_m + gear, N), k=5)
+
+
+def error_of(robot: flexgen.RobotModel) -> tuple[float, flexgen.Solution]:
+    """Largest error of the torque of `solve`, relative to the largest torque, and the solution."""
+    solution = flexgen.solve(robot, "csv", progress=False)
+    assert solution.status == "solved"
+    expected = torque_of(robot)(solution.trajectory.time)
+    return float(np.abs(solution.trajectory["tau_m"][:, 0] - expected).max() / np.abs(expected).max()), solution
+
+
+def test_the_mesh_resolves_the_torques_of_a_path_from_a_file(robot, monkeypatch):
+    """Planted: the first mesh is kept, on which the tool follows as well. A warning states its error then."""
+    error, solution = error_of(robot)
+    assert error < ALLOWED and solution.details["converged"] and not solution.warnings
+    monkeypatch.setattr(lq, "PARTS", ())
+    error, solution = error_of(robot)
+    assert error > 10 * ALLOWED and not solution.details["converged"]
+    assert 0.5 < solution.details["torque_error"] / error < 2.6
+    assert any("estimated error" in text for text in solution.warnings)
+
+
+def test_a_mesh_that_is_given_is_kept(robot):
+    assert not flexgen.solve(robot, "csv", mesh=1e-2, progress=False).details["converged"]
