@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import importlib
 import os
 import shlex
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from selection import ROOT, SLOW, full, slow, unoptimized
@@ -17,8 +20,23 @@ from undrawn import draw_nothing
 
 from flexgen.errors import BuildError
 from flexgen.library.object_cache import cache_folder
+from flexgen.mechanics import equations
 
 USERS_CC = os.environ.get("CC")
+
+
+DERIVE = equations.derive
+
+
+@functools.wraps(DERIVE)
+def derive_once(model: Any, parameters: Sequence[str] = ()) -> equations.Equations:
+    """The equations of another test where none has changed anything; see `pytest_configure`."""
+    made = DERIVE(model, parameters)
+    return made if parameters else equations.kept_equations(made.model)
+
+
+equations.derive = derive_once  # before a test module imports it
+equations.KEPT = 8
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -48,6 +66,21 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         module.__dict__["__builtins__"] = {}
         with contextlib.suppress(Exception):  # errors of a file are reported when it is collected
             spec.loader.exec_module(module)
+
+
+def pytest_configure() -> None:
+    """Forget equations where something in flexgen is changed: those with a planted error are for no other test."""
+
+    def forgetting(method: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(method)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            equations._KEPT.clear()
+            return method(*args, **kwargs)
+
+        return call
+
+    for name in ("setattr", "setitem", "delattr", "delitem", "undo"):
+        setattr(pytest.MonkeyPatch, name, forgetting(getattr(pytest.MonkeyPatch, name)))
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -22,7 +22,7 @@ from flexgen.inversion.solution import Solution, limit_warnings, relative_residu
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
-from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.equations import Equations, kept_equations, robot_of
 from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.output_columns import output_labels, output_units
 from flexgen.model.elements import Move, RobotModel
@@ -174,7 +174,7 @@ def _derive(model: str | FilePath | RobotModel | Equations, log: Callable[[str],
         return model
     if log is not None:
         log("deriving the equations of motion")
-    return derive(model)
+    return kept_equations(robot_of(model))
 
 
 def _find_solution(problem: InversionProblem, method: str, reached: BestSolution) -> Solution:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
 import textwrap
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -183,3 +187,38 @@ def derive(model: str | Path | RobotModel, parameters: Sequence[str] = ()) -> Eq
     4
     """
     return Equations(model if isinstance(model, RobotModel) else read(model), parameters)
+
+
+_KEPT: dict[bytes, Equations] = {}
+KEPT = 4  # models, some megabytes each
+
+
+class _OwnParts(pickle.Pickler):
+    """Refuses laws of other packages, which may change between two calls, as in a notebook."""
+
+    def reducer_override(self, part: Any) -> Any:
+        if not type(part).__module__.startswith(("flexgen.", "builtins", "numpy", "pathlib")):
+            raise pickle.PicklingError(type(part).__module__)
+        return NotImplemented
+
+
+def kept_equations(robot: RobotModel) -> Equations:
+    """As `derive`, but the same object again for one of the last models: for callers that return none of it.
+
+    Models are the same where their pickles are, in which -0.0 is not 0.0. Only the main thread keeps equations: CasADi
+    releases the lock of the interpreter, and two threads must not build functions from one graph.
+    """
+    text = BytesIO()
+    pickler = _OwnParts(text)
+    pickler.fast = True  # two objects that are equal have one text, also where they share parts in other ways
+    try:
+        pickler.dump(robot)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return Equations(robot)
+    if threading.current_thread() is not threading.main_thread():
+        return Equations(robot)
+    made = _KEPT.pop(text.getvalue(), None) or Equations(robot)
+    _KEPT[text.getvalue()] = made  # as the last one
+    while len(_KEPT) > KEPT:
+        del _KEPT[next(iter(_KEPT))]
+    return made
