@@ -203,7 +203,7 @@ def test_sources_compile_without_warnings(compiler, precision, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
 def test_sources_compile_as_cpp(compiler, tmp_path):
-    for folder in (written("four_mass", "double"), written("planar5_nmp", "single")):
+    for folder in (written("four_mass", "double"), written("elbow", "single")):
         run(tool(compiler), *STRICT_CPP, "-fsyntax-only", *sources(folder), folder=tmp_path)
         newer = [*STRICT_CPP, "-std=c++20", "-Wno-missing-field-initializers"]  # the example names members
         run(tool(compiler), *newer, "-fsyntax-only", folder / "example.c", folder=tmp_path)

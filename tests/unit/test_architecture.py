@@ -669,10 +669,8 @@ def test_planted_import_of_a_variable_is_seen():
 )
 @pytest.mark.parametrize(("one", "other"), [*zip(WINGS, [*WINGS[1:], WINGS[0]], strict=True), (WINGS[0], WINGS[0])])
 def test_planted_import_of_a_sibling_is_seen(one, other, line):
-    texts = sources()
-    texts |= {f"flexgen.{name}{end}": "" for name in WINGS for end in ("", ".laws")}
-    texts[f"flexgen.{one}.planted"] = line.format(other=other) + "\n"
-    imports = all_imports(texts)
+    known = {f"flexgen.{name}{end}" for name in WINGS for end in ("", ".laws")}
+    imports = imports_of(f"flexgen.{one}.planted", line.format(other=other) + "\n", known)
     for found in (sibling_violations(imports), floor_violations(imports)):
         assert len(found) == (one != other)
 
