@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
+
+# The last maps: CasADi finds the map of a function again while something holds it.
+_MAPS: deque[ca.Function] = deque(maxlen=8)
 
 
 class Evaluator:
@@ -83,6 +87,7 @@ def evaluate(function: ca.Function, *points: np.ndarray) -> list[np.ndarray]:
         columns.append(shaped.transpose(1, 0, 2).reshape(rows, len(array) * cols))
         batched.append(True)
     call = function if n == 1 else function.map(n)
+    _MAPS.append(call)
     filled = [c if b or n == 1 else np.tile(c, (1, n)) for c, b in zip(columns, batched, strict=True)]
     out = []
     for k, result in enumerate(_call(call, filled)):
