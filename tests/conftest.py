@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import dis
 import functools
 import gc
 import importlib
+import inspect
 import os
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from flexgen.library.object_cache import cache_folder
 from flexgen.mechanics import equations
 
 USERS_CC = os.environ.get("CC")
+HARMLESS = ("chdir", "setenv", "delenv")
 
 
 DERIVE = equations.derive
@@ -30,7 +34,8 @@ DERIVE = equations.derive
 
 @functools.wraps(DERIVE)
 def derive_once(model: Any, parameters: Sequence[str] = ()) -> equations.Equations:
-    """The equations of another test where none has changed anything; see `pytest_configure`."""
+    """The equations of another test where none has changed anything; see `pytest_configure` and
+    `pytest_runtest_setup`."""
     made = DERIVE(model, parameters)
     return made if parameters else equations.kept_equations(made.model)
 
@@ -69,18 +74,29 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_configure() -> None:
-    """Forget equations where something in flexgen is changed: those with a planted error are for no other test."""
+    """Forget equations where something is changed: those with a planted error are for no other test."""
 
     def forgetting(method: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(method)
-        def call(*args: Any, **kwargs: Any) -> Any:
-            equations._KEPT.clear()
-            return method(*args, **kwargs)
+        def call(self: pytest.MonkeyPatch, *args: Any, **kwargs: Any) -> Any:
+            undone = [*self._setattr, *(item[0] for item in self._setitem)] if method.__name__ == "undo" else ()
+            if any(thing is not os.environ for thing in (*args[:1], *undone)):
+                equations._KEPT.clear()
+            return method(self, *args, **kwargs)
 
         return call
 
     for name in ("setattr", "setitem", "delattr", "delitem", "undo"):
         setattr(pytest.MonkeyPatch, name, forgetting(getattr(pytest.MonkeyPatch, name)))
+
+
+def plants_errors(test: Callable[..., Any]) -> bool:
+    """Whether a test does more with its monkeypatch than choosing a folder or the environment."""
+    steps = list(dis.get_instructions(inspect.unwrap(test)))
+    return any(
+        step.opname.startswith("LOAD") and "monkeypatch" in str(step.argval) and after.argval not in HARMLESS
+        for step, after in pairwise(steps)
+    )
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -98,7 +114,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Choose the compiler of the test, see `unoptimized`; each of the two has its own cache."""
+    """Choose the compiler of the test, see `unoptimized`; each of the two has its own cache.
+
+    A test that plants an error after it has derived equations gets new ones: nothing is built from them before.
+    """
+    if "monkeypatch" in item.fixturenames and plants_errors(item.function):
+        equations._KEPT.clear()
     if USERS_CC is not None or CC is None or "FLEXGEN_CACHE" not in os.environ:
         return
     folder = Path(os.environ["FLEXGEN_CACHE"])
