@@ -25,7 +25,7 @@ import flexgen
 from flexgen.templates.new_model import TEMPLATES, new_model
 
 GOLDEN = Path(__file__).with_name("model_files.txt")
-MUTATIONS = {"everything": 120, "overlay": 40, "manutec_r3": 10, "planar5_family": 20, "four_mass": 20, "program": 40}
+MUTATIONS = {"everything": 60, "overlay": 20, "manutec_r3": 10, "planar5_family": 10, "four_mass": 10, "program": 20}
 WRITTEN = ("planar5_nmp", "manutec_r3_18", "kr300_efjm", "everything")
 
 
