@@ -351,6 +351,7 @@ def test_positions_that_were_not_seen_do_not_count() -> None:
     assert np.isnan(found.errors[::2, 1]).all()
 
 
+@pytest.mark.slow
 def test_command_line_writes_a_model_file(tmp_path: Path) -> None:
     """``flexgen calibrate`` from a CSV file to a model file that moves the trackers where they were measured."""
     text = arm().text

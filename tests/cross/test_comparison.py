@@ -29,6 +29,7 @@ def compared():
     return equations, solutions
 
 
+@pytest.mark.slow
 def test_each_model_is_better_than_the_simpler_one(compared) -> None:
     rows = error_rows(compared[1])
     assert [row["method"] for row in rows] == ["rigid", "fjm", "quasistatic", "lq"]

@@ -125,6 +125,7 @@ def test_streams_are_whole_paths(kind: str) -> None:
     assert stream_errors(model, library_of(model)) < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["undamped", pytest.param("several", marks=pytest.mark.slow)])
 def test_the_payload_may_be_a_parameter(tmp_path: Path, kind: str) -> None:
     """Whole paths and streams are those of the model with this payload; other numbers may not."""

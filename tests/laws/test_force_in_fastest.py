@@ -93,6 +93,7 @@ def test_the_result_in_the_closed_loop(quick):
     assert errors[0] < 1e-6 and errors[1] > 1e-4
 
 
+@pytest.mark.slow
 def test_vibrations_are_those_of_control(quick):
     plants = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
     run = flexgen.control(MODEL, quick.move, force=quick.force, plants=plants, sample_time=1e-3, torque_limits=False)

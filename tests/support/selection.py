@@ -332,7 +332,7 @@ SLOW_CASES = {
         "synthetic_complete",
     }
     | {f"{digits}-{against}" for digits in range(3, 16) for against in (False, True) if digits not in (8, 12)},
-    "unit/test_report.py": {"beam_arm-line", "manutec_r3-line"},
+    "unit/test_report.py": {"beam_arm-line", "manutec_r3-line", "planar5_nmp-line"},
     "unit/test_solve_stages.py": {"1.0", "0.01", "1e-06"},
     "unit/test_structure.py": {
         "manutec_r3_18",

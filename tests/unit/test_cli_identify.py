@@ -96,6 +96,7 @@ def test_a_model_error_has_exit_status_one_and_no_standard_deviations(folder, ca
     assert row.split()[-2] == "-"  # before the start value
 
 
+@pytest.mark.slow
 def test_progress_is_on_standard_error(folder, capsys, tmp_path):
     words = ["measure", "planar5_nmp", folder / "plan.npz", "--out", tmp_path / "data.npz", "--json"]
     status, printed = run(capsys, *words)

@@ -256,6 +256,7 @@ def test_native_libraries_bind_a_sweep_to_its_processor() -> None:
     assert not any(wants_native(options) for options in ({}, {"options": None}, {"options": {"native": False}}))
 
 
+@pytest.mark.slow
 def test_one_failing_case_stops_nothing(monkeypatch) -> None:
     unreachable = Move("far", "tool_line", (0.0, 0.5), 1.0, 5, displacement=(9.0, 0.0, 0.0))
     grid = Grid(["elbow", "nowhere"], (None, unreachable, "no such move"), options=QUICK)
