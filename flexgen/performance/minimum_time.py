@@ -29,11 +29,10 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution, format_size
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive, robot_of
-from flexgen.mechanics.limit_use import uses_of_limits
+from flexgen.mechanics.limit_use import limit_rows
 from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.output_columns import unit_of
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import hysteretic_joints
 from flexgen.model.moves import Program
 from flexgen.paths.path import Path, check_range, find_move
 from flexgen.paths.place_force import force_along, make_place_force, of_motion
@@ -49,7 +48,10 @@ from flexgen.type_checks import checked_result, checked_types
 
 COEFFICIENTS = 16
 TIME_LIMIT = 600.0  # s, of a search
-CHECKS = 20  # of the solution of a robot with hysteresis
+CHECKS = 20  # of the solution
+DENSE = 8  # instants in each interval of its samples
+INTERVALS = 4000  # of its mesh where it is refined
+NO_TORQUE = 0.1  # of the largest torque of a curve; excesses of what it allows below it are relative to all of it
 AGAINST, ROUNDS, SLACK = "95 %", 5, 1e-3  # searches with a margin; relative excess of a limit that is accepted
 
 
@@ -334,24 +336,23 @@ def _find_fastest(
     if isinstance(search, TimeSearch) and search.swings is not None:
         x = search.calm(x, history)
     seconds = perf_counter() - began, process_time() - cpu
-    mesh, jumps = None, bool(hysteretic_joints(robot))
-    steep = not several and (own.torque_rate or own.torque_speed)  # a fine mesh of a long program takes minutes
+    mesh, share = None, 0
     for _ in range(CHECKS):
         timed = search.move(x)
         tell(f"verifying {timed.duration:.4f} s")
         pushing = None if force is None else force_along(force, search.retime(x))
         found = solve(robot, timed, mesh=mesh, ignore_limits=True, force=pushing, progress=shown)
-        over = _excess(found, own) if jumps or steep else 0.0
-        if over <= KEPT:
+        over = _excesses(found, own, search.windows(x))
+        if over.max() <= KEPT:
             break
-        if mesh is None and found.method == "lq":  # torques ripple with the mesh, and their rates more
-            mesh = MESH_S / FINER
-        elif jumps:  # where a gear with hysteresis reverses: samples at other instants see more of it
-            x = search.slower(x, over)
+        fine = max(MESH_S / FINER, timed.duration / INTERVALS)
+        if mesh is None and found.method == "lq" and fine < (found.mesh_s or np.inf):
+            mesh = fine  # torques ripple with the mesh, and their rates more
         else:
-            break
+            share = min(share + 1, 3)
+            x = search.slower(x, np.where(over > KEPT, share * over, 0.0))
     else:
-        raise SolverError(f"fastest: a limit stays exceeded by {over:.1e} of it where gears reverse; increase it")
+        raise SolverError(f"fastest: a limit stays exceeded by {over.max():.1e} of it; increase it")
     new, given = (search.vibrations(solution) for solution in (found, default))
     rigid = [rigid_time(leg, *own.arrays(robot.n_m), of_motion(force, k)) for k, leg in enumerate(legs_of(path))]
     pauses = path.duration - sum(segment.law.duration for segment in path.segments)
@@ -364,7 +365,7 @@ def _find_fastest(
         rigid_s=sum(rigid) + (pauses if several else 0.0),
         vibration=new,
         default_vibration=given,
-        excess=max(search.excess(x), over),
+        excess=max(search.excess(x), float(over.max())),
         coefficients=asked.coefficients,
         programs=search.programs,
         inversions=search.inversions,
@@ -375,11 +376,21 @@ def _find_fastest(
     )
 
 
-def _excess(found: Solution, limits: Limits) -> float:
-    """Largest excess of a limit in the samples of a solution, relative."""
-    path = found.trajectory
-    uses = uses_of_limits(found.model, limits, path.__getitem__, path.time, float(found.move.duration))
-    return max((use.part for use in uses), default=0.0) - 1.0
+def _excesses(found: Solution, limits: Limits, windows: list[tuple[float, float]]) -> np.ndarray:
+    """Largest excess of a limit along a solution in each of some windows of time [s], relative.
+
+    Between its samples too; that of a torque at its speed relative to the torque that its curve allows there.
+    """
+    path, end = found.trajectory, float(found.move.duration)
+    time = np.interp(np.arange(DENSE * (len(path.time) - 1) + 1) / DENSE, np.arange(len(path.time)), path.time)
+    over = np.full(len(windows), -1.0)
+    for row in limit_rows(found.model, limits, path.at(time).__getitem__, time, end=end):
+        allowed = row.bounds > NO_TORQUE * row.bounds.max(axis=0)
+        parts = np.abs(np.where(allowed, row.values, row.parts) / np.where(allowed, row.bounds, 1.0)).max(axis=1)
+        for k, (low, high) in enumerate(windows):
+            inside = slice(None) if "effective" in row.quantity else slice(*np.searchsorted(time, (low, high)))
+            over[k] = max(over[k], float(parts[inside].max(initial=0.0)) - 1.0)
+    return over
 
 
 def _solve_as_given(robot: RobotModel, path: Path, several: bool, force: Any, shown: Choice) -> Solution:

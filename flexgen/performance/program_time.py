@@ -277,21 +277,24 @@ class ProgramSearch:
         channel = partial(getattr, found)
         rows = list(limit_rows(self.model, self.single, channel, found.t, tool))
         whole = limit_rows(self.model, self.connecting, channel, found.t, end=timed.duration)
-        starts = np.array([segment.start for segment in timed.segments])
-        ends = starts + [float(part[0]) for part in x]
-        between = (ends[:-1] + starts[1:]) / 2
-        low, high = np.array([-np.inf, *between]) - REACH_S, np.array([*between, np.inf]) + REACH_S
         out = [max((_largest(row, slice(None)) for row in whole), default=0.0) - 1.0]
-        for k, leg in enumerate(self.legs):
-            inside = np.flatnonzero((found.t >= low[k]) & (found.t <= high[k]))
+        for k, (leg, (low, high)) in enumerate(zip(self.legs, self.windows(x), strict=True)):
+            inside = np.flatnonzero((found.t >= low) & (found.t <= high))
             parts = [_largest(row, inside[inside < len(row.parts)]) for row in rows]
             parts.append(float(leg.speeds.parts(timed.segments[k].law).max(initial=0.0)))
             out.append(max(parts) - 1.0)
         return out
 
-    def slower(self, x: list[np.ndarray], excess: float) -> list[np.ndarray]:
-        """All time laws slowed down by a part of an excess of the limits."""
-        return [leg.slower(part, excess) for leg, part in zip(self.legs, x, strict=True)]
+    def windows(self, x: list[np.ndarray]) -> list[tuple[float, float]]:
+        """Begin and end of each motion with its surroundings, up to a little beyond the middle of the pauses [s]."""
+        ends = np.cumsum([part[0] + pause for part, pause in zip(x, [*self.pauses, 0.0], strict=True)])
+        between = ends[:-1] - np.array(self.pauses) / 2
+        return list(zip([-np.inf, *(between - REACH_S)], [*(between + REACH_S), np.inf], strict=True))
+
+    def slower(self, x: list[np.ndarray], excess: np.ndarray) -> list[np.ndarray]:
+        """Time laws slowed down by a part of the excess of the limits of each motion, where it is positive."""
+        parts = zip(self.legs, x, excess, strict=True)
+        return [leg.slower(part, e) if e > 0 else part for leg, part, e in parts]
 
     def _slow_down(self, x: list[np.ndarray]) -> list[np.ndarray]:
         """The time laws slowed down where a limit is exceeded along the whole program."""
@@ -306,9 +309,7 @@ class ProgramSearch:
             if worst <= WITHIN:
                 return x
             self.tell(f"{self.duration(x):.4f} s, limits of the whole program exceeded by {worst:.1e}")
-            over = [max(whole, own) - WITHIN for own in each]
-            parts = zip(self.legs, x, over, strict=True)
-            x = [leg.slower(part, e) if e > 0 else part for leg, part, e in parts]
+            x = self.slower(x, np.maximum(whole, each) - WITHIN)
         raise SolverError(
             "fastest: the limits cannot be kept in this program at any speed; increase them: it needs "
             f"{1 + worst:.3g} of a limit"

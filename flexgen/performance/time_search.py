@@ -253,9 +253,13 @@ class TimeSearch:
             f"{1 + excess:.3g} of a limit"
         )
 
-    def slower(self, x: np.ndarray, excess: float) -> np.ndarray:
+    def slower(self, x: np.ndarray, excess: float | np.ndarray) -> np.ndarray:
         """The time law slowed down by a part of an excess of the limits."""
-        return np.concatenate([[x[0] * (1 + max(0.3 * excess, 1e-4))], x[1:]])
+        return np.concatenate([[x[0] * (1 + max(0.3 * np.max(excess), 1e-4))], x[1:]])
+
+    def windows(self, x: np.ndarray) -> list[tuple[float, float]]:
+        """Begin and end of what the time law can slow down [s]."""
+        return [(-np.inf, np.inf)]
 
     def calm(self, x: np.ndarray, history: list[float]) -> np.ndarray:
         """From the fastest time law to longer ones with the least vibration, until it is small enough."""

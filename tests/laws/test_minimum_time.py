@@ -125,7 +125,8 @@ def test_a_spline_law_is_at_rest_at_both_ends():
 
 def test_a_move_with_a_timing_is_a_move_like_others(planar):
     """The same torques again, and no table for the sampler in C."""
-    again = flexgen.solve("planar5_nmp", planar.move, ignore_limits=True, progress=False)
+    mesh = time_search.MESH_S / time_search.FINER
+    again = flexgen.solve("planar5_nmp", planar.move, mesh=mesh, ignore_limits=True, progress=False)
     assert np.array_equal(again.trajectory["tau_m"], planar.solution.trajectory["tau_m"])
     with pytest.raises(ArgumentError, match="spline as time law"):
         flexgen.plan("planar5_nmp", planar.move).table()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from toolchain import needs_compiler
 
 import flexgen
@@ -16,7 +17,7 @@ from flexgen.mechanics.limit_use import LimitRow, limit_rows
 from flexgen.mechanics.limits import Limits
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
-from flexgen.performance import program_time, time_search
+from flexgen.performance import minimum_time, program_time, time_search
 from flexgen.performance.program_time import ProgramSearch, legs_of
 from flexgen.performance.stated_speeds import StatedSpeeds, stated_speeds
 
@@ -138,7 +139,7 @@ def test_planted_errors_are_found(planted: str, given: dict[str, np.ndarray], mo
         rows = limit_rows(model, limits, *more, **end)
         return (row for row in rows if planted != "gears" or row.quantity != "gear torque")
 
-    for module in (time_search, program_time):
+    for module in (time_search, program_time, minimum_time):
         monkeypatch.setattr(module, "limit_rows", wrong_rows)
     move = replace(THREE, steps=(THREE.steps[0], THREE.steps[-1]))
     found = flexgen.fastest("planar5_nmp", move, limits=own, coefficients=4, progress=False)
@@ -146,6 +147,36 @@ def test_planted_errors_are_found(planted: str, given: dict[str, np.ndarray], mo
     assert found.excess <= KEPT and used.max() > 1.05
     solved = flexgen.solve("planar5_nmp", found.move, limits=replace(own, torque=None), verify=False, progress=False)
     assert solved.status in ("limits active", "limits exceeded")
+
+
+def steepest(solution: flexgen.Solution) -> np.ndarray:
+    """Largest rates of the torques, between their samples too."""
+    t, tau = solution.trajectory.time, solution.trajectory["tau_m"]
+    rate = make_interp_spline(t, tau, k=5).derivative()
+    return np.abs(rate(np.linspace(t[0], t[-1], 20 * len(t)))).max(axis=0)
+
+
+@pytest.mark.slow
+def test_the_last_check_keeps_what_the_search_forgets(
+    given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rates of torques between the samples of the solution, whose mesh is not that of the search."""
+    own = Limits(torque=tuple(1.3 * given["torque"]), torque_rate=tuple(7.5 * given["rate"]))
+    excesses, seen = minimum_time._excesses, []
+
+    def forgetful(model: Any, limits: Limits, *more: Any, **end: Any) -> Iterator[LimitRow]:
+        return limit_rows(model, replace(limits, torque_rate=None), *more, **end)
+
+    def seeing(found: flexgen.Solution, *more: Any) -> np.ndarray:
+        seen.append((steepest(found) / np.array(own.torque_rate)).max())
+        return excesses(found, *more)
+
+    for module in (time_search, program_time):
+        monkeypatch.setattr(module, "limit_rows", forgetful)
+    monkeypatch.setattr(minimum_time, "_excesses", seeing)
+    move = replace(THREE, steps=(THREE.steps[0], THREE.steps[-1]))
+    found = flexgen.fastest("planar5_nmp", move, limits=own, coefficients=4, progress=False)
+    assert seen[0] > 1.02 and 0.98 < seen[-1] <= 1.0 + KEPT and found.excess <= KEPT
 
 
 def test_stated_speeds_of_steps_and_corners() -> None:
