@@ -311,6 +311,7 @@ _RESULTS = {
     "Analysis.plot": "flexgen.plots.linear:plot_analysis",
     "Analysis.report": "flexgen.reports.analysis_page:write_analysis",
     "Analysis.to_text": "flexgen.reports.texts:text_of_analysis",
+    "Check.implausible": "flexgen.plausibility.check:implausible_number",
     "Check.to_text": "flexgen.reports.texts:text_of_check",
     "ControlRun.to_text": "flexgen.reports.control_texts:text_of_control",
     "Experiment.to_text": "flexgen.reports.identification_texts:text_of_experiment",

@@ -99,3 +99,20 @@ class SolverError(FlexgenError):
 
 class BuildError(FlexgenError):
     """The emitted C could not be written, compiled or loaded."""
+
+
+def is_numerical(error: BaseException) -> bool:
+    """Whether an error is numerical: overflow, division by zero, a singular matrix, numbers that are not finite."""
+    if isinstance(error, FlexgenError):
+        return False
+    if isinstance(error, ArithmeticError) or any(kind.__name__ == "LinAlgError" for kind in type(error).__mro__):
+        return True
+    return isinstance(error, ValueError) and "infs or nans" in str(error).lower()  # raised by scipy for its arguments
+
+
+def computation_failed(what: str, error: BaseException) -> str:
+    """The message for a numerical error of a function or command."""
+    return (
+        f"{what}: the computation failed ({str(error) or type(error).__name__}); check the numbers of the model with "
+        "flexgen.check or 'flexgen check': masses, inertias, lengths, stiffnesses, dampings, frictions and gravity"
+    )

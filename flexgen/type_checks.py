@@ -16,7 +16,8 @@ from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, NamedTuple, NoReturn, TypeVar, overload
 
 from flexgen.counts import show_value
-from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.errors import ArgumentError, FlexgenError, SolverError, computation_failed, is_numerical
+from flexgen.registry import find_function
 from flexgen.types_of_values import UNWRITABLE, Check, Names, check_of, is_infinite, is_text
 
 T = TypeVar("T", bound=Callable[..., Any])
@@ -140,8 +141,26 @@ class _Entrance:
         raise ArgumentError(f"{self.head}{name}: given {show_value(value)}, expected {words}") from None
 
 
+def _naming_numbers(function: Any) -> Any:
+    """A function of a model whose numerical errors are a SolverError that names the likely cause."""
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except (ArithmeticError, ValueError) as error:
+            if not is_numerical(error):
+                raise
+            cause = find_function("Check.implausible")(args[0] if args else kwargs["model"])
+            raise SolverError(computation_failed(function.__name__, error) + cause) from error
+
+    return call
+
+
 def _wrap(function: Any, *, cls: type | None = None, result: bool = False, own: tuple[str, ...] = ()) -> Any:
     head = "" if cls is None else f"{cls.__name__}, "
+    if inspect.isfunction(function) and inspect.unwrap(function).__code__.co_varnames[:1] == ("model",):
+        function = _naming_numbers(function)
     entrance = _Entrance(function, head, cls, result, own)
     check, check_all, stored = entrance.check, replace(entrance, own=()).check, entrance.collect_stored
 

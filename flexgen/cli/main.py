@@ -18,7 +18,15 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 
 from flexgen.atomic_files import follow_links
-from flexgen.errors import ArgumentError, FlexgenError, SolverError, message_of, printable
+from flexgen.errors import (
+    ArgumentError,
+    FlexgenError,
+    SolverError,
+    computation_failed,
+    is_numerical,
+    message_of,
+    printable,
+)
 from flexgen.version import __version__
 
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
@@ -200,13 +208,13 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
             result = args.action(args, messages.progress)
         problem = result.problem
         status = result.failure if problem else SUCCESS
-        problem += implausible(args) if problem else ""
+        problem += implausible(args, problem) if problem else ""
     except BaseException as error:
         unlimited.interrupted |= isinstance(error, KeyboardInterrupt)
         if os.environ.get("FLEXGEN_DEBUG"):
             raise
         problem, status = _reason(error, args), FAILURE
-        problem += implausible(args) if isinstance(error, SolverError) or _numerical(error) else ""
+        problem += implausible(args, problem) if isinstance(error, SolverError) or is_numerical(error) else ""
     if unlimited.interrupted:
         result = result if result is not None and result.interrupted else None
         problem, status = "interrupted" + ("; the result is the best so far" if result is not None else ""), INTERRUPTED
@@ -226,13 +234,6 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
     return status
 
 
-def _numerical(error: BaseException) -> bool:
-    """Whether the error is numerical: overflow, division by zero, a singular matrix, numbers that are not finite."""
-    if isinstance(error, ArithmeticError) or any(kind.__name__ == "LinAlgError" for kind in type(error).__mro__):
-        return True
-    return isinstance(error, ValueError) and "infs or nans" in str(error).lower()  # raised by scipy for its arguments
-
-
 def _reason(error: BaseException, args: argparse.Namespace) -> str:
     """The error message for the user."""
     if isinstance(error, FlexgenError):
@@ -247,12 +248,9 @@ def _reason(error: BaseException, args: argparse.Namespace) -> str:
         return f"{where}{error.strerror or error}"
     if isinstance(error, MemoryError):
         return "not enough memory"
-    if _numerical(error):
+    if is_numerical(error):
         what = f" {args.model}" if getattr(args, "model", None) else ""
-        return (
-            f"{args.verb}{what}: the computation failed ({str(error) or type(error).__name__}); check the numbers of "
-            "the model with 'flexgen check': masses, inertias, lengths, stiffnesses and dampings"
-        )
+        return computation_failed(f"{args.verb}{what}", error)
     return f"internal error, please report it with the output of FLEXGEN_DEBUG=1: {type(error).__name__}: {error}"
 
 

@@ -14,7 +14,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.plausibility.finding import ERROR, Check, Finding
 from flexgen.plausibility.moves import moves
-from flexgen.plausibility.numbers import bodies, drives, report_overdamped, springs
+from flexgen.plausibility.numbers import bodies, drives, report_overdamped, sizes, springs
 from flexgen.type_checks import checked_types
 
 SLOW = 2.0 * np.pi  # 1/s: slower real poles are friction of the free joints
@@ -45,9 +45,22 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
     >>> flexgen.check("elbow").errors
     ()
     """
-    equations = model if isinstance(model, Equations) else derive(model)
+    return _compare(model if isinstance(model, Equations) else derive(model), motions)
+
+
+def implausible_number(model: str | Path | RobotModel | Equations) -> str:
+    """The worst error of a model, as the end of the message of a computation that failed; empty where there is none."""
+    try:
+        worst = _compare(model if isinstance(model, Equations) else derive(model), motions=False).worst
+    except (FlexgenError, ArithmeticError, ValueError):
+        return ""
+    return "" if worst is None else f"; numbers of the model are implausible: {worst}"
+
+
+def _compare(equations: Equations, motions: bool) -> Check:
+    """The arguments and the result of `check`."""
     robot = equations.model
-    findings = [*bodies(robot)]
+    findings = [*sizes(robot), *bodies(robot)]
     home = np.asarray(robot.home, dtype=float)
     try:
         rest = hold_joints(equations, home)
@@ -63,5 +76,4 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
         findings.append(report_overdamped(poles(linearize(equations, rest)), SLOW))
     if motions:
         findings += moves(equations)
-    title = robot.title
-    return Check(title, tuple(findings))
+    return Check(robot.title, tuple(findings))

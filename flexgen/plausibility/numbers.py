@@ -35,6 +35,8 @@ TORQUE = Usual(1.0, math.inf)  # of the largest motor torque to that of gravity 
 DENSITY = Usual(1.0, math.inf, 0.1)  # inertia to that of a steel ball of the same mass
 SIZE = Usual(0.0, 1.0, 0.0, 1e3)  # inertia to mass times the square of the length of the chain
 SHARE = Usual(0.0, 5.0, 0.0, 200.0)  # mass of a body to that of all others
+GRAVITY = Usual(0.0, 30.0, 0.0, 300.0)  # m/s^2
+LENGTH = Usual(1e-3, 100.0, 1e-5, 1e4)  # m, of the chain
 STEEL = 7850.0  # kg/m^3
 
 
@@ -146,6 +148,16 @@ def _spring(joint: Coordinate, key: str, name: str, numbers: tuple[float, float,
         return
     name = "damping ratio of the spring" + ", overdamped" * (ratio >= 1.0)
     yield make_finding(f"{key}.damping", name, ratio, "", DAMPING, advice)
+
+
+def sizes(robot: RobotModel) -> Iterator[Finding]:
+    """Gravity and the length of the chain, where they are not those of a robot."""
+    gravity, advice = float(np.linalg.norm(robot.gravity)), "gravity in m/s^2: 9.81 on the Earth"
+    found = [make_finding("gravity", "gravity", gravity, "m/s^2", GRAVITY, advice)]
+    length, advice = _length(robot), "positions of origin, link, com and tool in m: 1 mm is 1e-3"
+    if length > 0.0:
+        found.append(make_finding("element", "length of the chain", length, "m", LENGTH, advice))
+    yield from (finding for finding in found if finding.mark != OK)
 
 
 def bodies(robot: RobotModel) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ from shipped_models import all_variants
 
 import flexgen
 from flexgen.cli.main import main
-from flexgen.errors import ModelError
+from flexgen.errors import ModelError, SolverError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.plausibility.finding import MARKS
@@ -31,6 +31,29 @@ def test_a_coordinate_that_moves_no_inertia_is_named(verb):
     massless = read("elbow", overrides={"element.fore.body": {"mass": 0.0}})
     with pytest.raises(ModelError, match="singular: q2 moves no inertia"):
         verb(massless)
+
+
+COLD = {"type": "gear", "viscous": 0.1, "viscous_share": 0.5, "viscous_decay": 1e-15}
+
+
+@pytest.mark.parametrize(
+    ("verb", "changes", "words"),
+    [
+        (flexgen.solve, {"gravity": [0.0, 0.0, -1e11]}, "implausible: gravity: gravity 1e+11 m/s^2, usual at most 30"),
+        (flexgen.analyze, {"motor.m1.friction": COLD, "temperature": -30.0}, "analyze: the computation failed (Array"),
+        (flexgen.check, {"motor.m1.friction": COLD, "temperature": -30.0}, "dampings, frictions and gravity"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_numerical_errors_of_functions_name_their_cause(verb, changes, words):
+    with pytest.raises(SolverError) as caught:
+        verb(read("elbow", overrides=changes))
+    assert words in str(caught.value) and isinstance(caught.value.__cause__, ArithmeticError | ValueError)
+
+
+def test_lengths_in_millimeters_are_found():
+    found = flexgen.check(read("elbow", overrides={"element.fore.origin.position": [1e6, 0.0, 0.0]}), motions=False)
+    assert found.worst is not None and "element" in [finding.key for finding in found.errors]
 
 
 def planted(robot: RobotModel, kind: str) -> list[tuple[str, float]]:

@@ -95,7 +95,7 @@ def test_a_solution_writes_its_report(solution, tmp_path):
 # Called by other functions, such as `flexgen.solve`, `plot` and `write`, and not methods.
 INNER = (
     *("Move.fastest", "Result.picture", "Estimated.uncertainty", "FastestMove.torques", "Solution.positions"),
-    "RobotModel.numbers",
+    *("RobotModel.numbers", "Check.implausible"),
 )
 
 

@@ -10,16 +10,14 @@ from flexgen.errors import FlexgenError
 HINTED = ("analyze", "solve", "simulate", "run", "control", "fastest", "learn")  # verbs that compute with all numbers
 
 
-def implausible(args: Namespace) -> str:
+def implausible(args: Namespace, problem: str) -> str:
     """The worst error that `check` finds in the model of a verb that failed, as the end of a message; else empty."""
-    if args.verb not in HINTED:
+    if args.verb not in HINTED or "implausible" in problem:
         return ""
-    from flexgen.plausibility.check import check as check_model
+    from flexgen.plausibility.check import implausible_number
 
     try:
-        found = check_model(derive_model(args), motions=False)
-    except (FlexgenError, ArithmeticError, ValueError):
+        found = implausible_number(derive_model(args))
+    except FlexgenError:
         return ""
-    if found.worst is None:
-        return ""
-    return f"; numbers of the model are implausible: {found.worst} (see 'flexgen check {args.model}')"
+    return found and f"{found} (see 'flexgen check {args.model}')"
