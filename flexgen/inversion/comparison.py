@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -13,10 +12,8 @@ from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.output_columns import output_units
-from flexgen.numerics.evaluate import evaluate
 
 BASELINES = ("rigid", "fjm", "quasistatic")
-CALLS = 2000  # that are timed
 
 
 def compare_methods(
@@ -88,22 +85,3 @@ def error_sizes(solution: Solution) -> dict[str, np.ndarray]:
     if "turn" in done.channels:
         out["rad"] = np.abs(done["turn"]).max(axis=1)
     return out
-
-
-def compare_library(library: Any, equations: Equations, solution: Solution) -> dict[str, float]:
-    """Compare the inverse dynamics of a loaded library with the equations along a solution.
-
-    Returns
-    -------
-    dict
-        ``difference_Nm``: the largest [N m, or N]; ``call_us``: time of one call from Python [us].
-    """
-    arguments = [solution.trajectory[channel] for channel in ("q_a", "v_a", "a_a")]
-    from_c = library.inverse_dynamics(*arguments)
-    expected = evaluate(equations.function("inverse_dynamics"), *arguments)[0].reshape(from_c.shape)
-    first = [np.ascontiguousarray(x[0]) for x in arguments]
-    began = time.perf_counter()
-    for _ in range(CALLS):
-        library.inverse_dynamics(*first)
-    spent = time.perf_counter() - began
-    return {"difference_Nm": float(np.abs(from_c - expected).max()), "call_us": 1e6 * spent / CALLS}

@@ -26,11 +26,14 @@ class BestSolution:
         Its verified error; infinite before a verification has ended.
     tried : list of str
         What failed or missed the tolerance.
+    accepted : Solution or None
+        A verified one, whose torques a finer mesh may still improve.
     """
 
     solution: Solution | None = None
     error: float = np.inf
     tried: list[str] = field(default_factory=list)
+    accepted: Solution | None = None
 
     def keep(self, solution: Solution, error: float = np.inf) -> None:
         """Keep a solution that is the first one or better than the one before."""
@@ -54,6 +57,8 @@ class BestSolution:
         KeyboardInterrupt
             Ctrl-C, and there is no solution.
         """
+        if self.accepted is not None and stage is not None:
+            return self.accepted
         reason = INTERRUPTED if stage is None else f"the time limit of {limit:g} s ended in: {stage}"
         if self.solution is None:
             if stage is None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path as FilePath
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from flexgen.inversion.reached import BestSolution, stage_of
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows, within_limits
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
-from flexgen.inversion.verification import verify_by_simulation
+from flexgen.inversion.verification import verify_by_simulation, with_simulation
 from flexgen.mechanics.equations import Equations, kept_equations, robot_of
 from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.output_columns import output_labels, output_units
@@ -31,7 +31,6 @@ from flexgen.paths.path import find_move
 from flexgen.progress import Choice, reported
 from flexgen.registry import find_function, import_object
 from flexgen.simulation.hold_names import HoldName
-from flexgen.simulation.result import error_text
 from flexgen.simulation.simulate import HELD_KEY
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -41,6 +40,7 @@ from flexgen.type_checks import checked_types
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
 ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
 RETRIES = 1  # more, where only the residual between the samples is too large, or lq has nearly converged
+HELPS = 0.5  # of the estimated error of the torques, at most, is left on a mesh that is worth its time
 NEAR = 100.0  # times the accuracy: an error of lq that a finer mesh may still reduce to it
 ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
@@ -184,14 +184,15 @@ def _find_solution(problem: InversionProblem, method: str, reached: BestSolution
     check_applies(chosen, robot, problem.limits, problem.force is not None)
     find = _automatic_solution if method == AUTO else _refine
     try:
-        reached.solution = find(problem, chosen, reached)
+        found = find(problem, chosen, reached)
     except SolverError as error:
         joints = all(segment.space == "joint" for segment in problem.path.segments)
         if not (joints and robot.output.type != "combination" and "singular pose" in str(error)):
             raise
         advice = 'joints pass singular poses of the tool: give the model an output of type "joint" for this move'
         raise SolverError(f"{error}; {advice}") from error
-    return reached.solution
+    assert found is not None  # without a list of failures they are raised
+    return found
 
 
 def _automatic_solution(problem: InversionProblem, method: Method, reached: BestSolution) -> Solution:
@@ -265,16 +266,6 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
     return result
 
 
-@overload
-def _refine(problem: InversionProblem, method: Method, reached: BestSolution) -> Solution: ...
-
-
-@overload
-def _refine(
-    problem: InversionProblem, method: Method, reached: BestSolution, failures: list[tuple[str, SolverError]]
-) -> Solution | None: ...
-
-
 def _refine(
     problem: InversionProblem,
     method: Method,
@@ -289,15 +280,17 @@ def _refine(
     duration = problem.path.duration
     h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if problem.mesh is None else float(problem.mesh)
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
-    best, least, hidden, near = None, np.inf, False, False
+    best, least, hidden, near = None, (True, np.inf), False, False
     for attempt in range(attempts + (RETRIES if attempts > 1 else 0)):
         last = attempt + 1 >= attempts
-        if attempt >= attempts and not (hidden or near):
+        if attempt >= attempts and (not least[0] or not (hidden or near)):
             break
         check_time(f"method {method.name}, intervals of {h / 2**attempt:.3g} s")
         try:
             solution = make_solution(problem, method.name, run_method(method, problem, h / 2**attempt))
         except SolverError as error:
+            if not least[0]:
+                break
             if failures is None:
                 raise
             _raise_path_error(problem)
@@ -317,17 +310,8 @@ def _refine(
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
         checked = verify_by_simulation(problem, solution)
-        simulation, plan, worst = checked.simulation, checked.plan_error, checked.worst
-        errors = {"errors": error_text(simulation, "output")}  # a saved file states them too
-        solution = replace(
-            solution,
-            trajectory=replace(solution.trajectory, meta={**solution.trajectory.meta, **errors}),
-            simulation=simulation,
-            warnings=(*solution.warnings, *simulation.warnings),
-            plan_error_max_m=None if plan is None else plan[0],
-            plan_error_max_rad=None if plan is None else plan[1],
-            path_distance_max_m=checked.path_distance_m,
-        )
+        simulation, worst = checked.simulation, checked.worst
+        solution = with_simulation(solution, checked)
         reached.keep(solution, worst)
         if solution.status == Status.BASELINE:
             return solution
@@ -335,13 +319,20 @@ def _refine(
         near = method.name == "lq" and worst <= NEAR * problem.accuracy
         # a feedback reduces all errors; short residuals, at corners of a derivative of the path, do nothing without it
         exact = simulation.feedback is None or residual_is_small(solution) or checked.defect <= problem.accuracy
-        if hidden and exact:
+        accepted, hidden = hidden and exact, hidden and not exact
+        rough = _estimate_ripple(solution) if accepted else worst
+        if accepted and rough == 0.0:
             return _with_ripple(solution)
-        if best is None or worst < least:  # on a finer mesh rounding may be larger
-            details = {**solution.details, "missed": _refusal(problem, worst, simulation.energy_error)}
-            best, least = replace(solution, status=Status.TOLERANCE_NOT_MET, details=details), worst
+        if best is not None and not least[0] and rough > HELPS * least[1]:
+            break
+        refusal = _refusal(problem, worst, simulation.energy_error)
+        if best is None or (not accepted, rough) < least:  # on a finer mesh rounding may be larger
+            missed = replace(solution, status=Status.TOLERANCE_NOT_MET, details={**solution.details, "missed": refusal})
+            best, least = _with_ripple(solution) if accepted else missed, (not accepted, rough)
+        if accepted:
+            reached.accepted, refusal = best, f"torques are off by about {rough:.0e} of the largest"
         if not last or ((hidden or near) and attempt < attempts):
-            problem.log(f"{_refusal(problem, worst, simulation.energy_error)}: halving the mesh")
+            problem.log(f"{refusal}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
     return best
 
@@ -353,6 +344,12 @@ def _refusal(problem: InversionProblem, worst: float, energy_error: float) -> st
     if worst <= problem.accuracy:
         return f"the energy balance of the simulation is off by {energy_error:.1e}, allowed are {ENERGY:.0e}"
     return f"verified error {worst:.2e} is above {problem.accuracy:.0e} [rad, and m for each meter of reach]"
+
+
+def _estimate_ripple(solution: Solution) -> float:
+    """Estimated error of torques that the mesh does not resolve, of the largest; 0: it does, or has many intervals."""
+    resolved = solution.details.get("converged", True) or solution.intervals > INTERVALS
+    return 0.0 if resolved else solution.details.get("torque_error", 0.0)
 
 
 def _with_ripple(solution: Solution) -> Solution:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from flexgen.mechanics.output_columns import output_units, turn_angle
 from flexgen.mechanics.statics import reach
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.result import Simulation
+from flexgen.simulation.result import Simulation, error_text
 from flexgen.simulation.simulate import AUTO, NONE, simulate
 
 
@@ -65,6 +65,21 @@ def verify_by_simulation(
     if in_m is not None or in_rad is not None:
         defect = max((in_m or 0.0) / size, in_rad or 0.0)
     return Verification(simulation, plan, distance, worst, defect)
+
+
+def with_simulation(solution: Solution, checked: Verification) -> Solution:
+    """The solution with its simulation and what this found; its trajectory, and so a saved file, states the errors."""
+    simulation, plan = checked.simulation, checked.plan_error or (None, None)
+    meta = {**solution.trajectory.meta, "errors": error_text(simulation, "output")}
+    return replace(
+        solution,
+        trajectory=replace(solution.trajectory, meta=meta),
+        simulation=simulation,
+        warnings=(*solution.warnings, *simulation.warnings),
+        plan_error_max_m=plan[0],
+        plan_error_max_rad=plan[1],
+        path_distance_max_m=checked.path_distance_m,
+    )
 
 
 def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float | None, float | None]:

@@ -36,6 +36,7 @@ INK, GREY, PALE = "#222222", "#777777", "#F1F1EE"
 COLORS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, INK)
 DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
 WIDTH = 8.6  # inches
+AFTER = 3.0  # durations of a path, at most, are drawn after its end
 BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}  # of a text over lines
 _PREFIXES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (0.0, 1e9, "n"))  # least value, factor, prefix
 
@@ -195,11 +196,17 @@ def finish(trajectory: Trajectory, end: float) -> float:
     away = np.abs(tau - tau[-1]) > 1e-3 * np.maximum(np.ptp(tau, axis=0), 1e-12)
     changing = np.flatnonzero(away.any(axis=1))
     last = t[changing[-1]] if len(changing) else end
-    return float(min(t[-1], max(last, end) + 0.1 * end))
+    return float(min(t[-1], max(last, end) + 0.1 * end, longest(end)))
+
+
+def longest(end: float) -> float:
+    """Latest end of plots over time [s]: of vibrations that decay for minutes after a short path only the first."""
+    return (1 + AFTER) * end
 
 
 def time_axis(ax: Any, first: float, end: float, last: float, label: bool = True) -> None:
     """Set the limits of a time axis; mark start and end of the path, shade the time outside."""
+    until = max((float(np.max(line.get_xdata())) for line in ax.lines), default=last)
     ax.set_xlim(first, last)
     for a, b in ((first, 0.0), (end, last)):
         if b > a:
@@ -207,7 +214,9 @@ def time_axis(ax: Any, first: float, end: float, last: float, label: bool = True
     for x in (0.0, end):
         ax.axvline(x, color=GREY, lw=0.8, zorder=1)
     if label:
-        ax.set_xlabel("time, s   (shaded: before and after the path)" if first < 0 or last > end else "time, s")
+        notes = ["shaded: before and after the path"] if first < 0 or last > end else []
+        notes += [f"the motion ends at {until:.3g} s"] if until > 1.5 * last else []
+        ax.set_xlabel("time, s" + (f"   ({'; '.join(notes)})" if notes else ""))
 
 
 class NotebookFigure(Figure):

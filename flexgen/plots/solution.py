@@ -54,7 +54,7 @@ def _title(equations: Equations, trajectory: Trajectory, text: str) -> str:
 def _window(equations: Equations, trajectory: Trajectory, end: float | None) -> tuple[float, float, float]:
     """Start of the plot, end of the path and end of the plot [s]."""
     stop = cv.path_end(equations, trajectory) if end is None else end
-    return cv.begin(trajectory, stop), stop, float(trajectory.time[-1])
+    return cv.begin(trajectory, stop), stop, float(min(trajectory.time[-1], cv.longest(stop)))
 
 
 def _limits(ax: Any, values: np.ndarray, bound: float | None, largest: float, unit: str) -> None:

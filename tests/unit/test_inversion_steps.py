@@ -13,6 +13,7 @@ import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion import choice, comparison, solve, verification
 from flexgen.inversion.method_table import find_method
+from flexgen.inversion.reached import BestSolution
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
@@ -105,8 +106,8 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(monkeypatch: pytest
     monkeypatch.setattr(solve, "run_method", method)
     monkeypatch.setattr(solve, "make_solution", lambda problem, name, h: made(model, warnings=(f"{h:g}",)))
     monkeypatch.setattr(solve, "verify_by_simulation", verified)
-    problem, reached = Problem(), Made(keep=lambda *_: None)
-    found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type,call-overload]
+    problem, reached = Problem(), BestSolution()
+    found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
     h = max(min(0.02, solve.LONGEST), 2.0 / 5000)
     assert steps == [h, h / 2, h / 4]
     assert (found.plan_error_max_m, found.plan_error_max_rad, found.path_distance_max_m) == (2e-6, None, 5e-7)
@@ -119,18 +120,64 @@ def test_the_mesh_is_halved_until_the_verification_is_passed(monkeypatch: pytest
     for name, errors in (("lq", [4e-2, 3e-2, 9e-2]), ("bvp", [4e-5, 3e-5, 9e-5]), ("lq", [4e-5, 3e-5, 9e-4, 5e-5])):
         steps.clear()
         worst = iter(errors)
-        found = solve._refine(problem, find_method(name), reached)  # type: ignore[arg-type,call-overload]
+        found = solve._refine(problem, find_method(name), reached)  # type: ignore[arg-type]
         assert found.status == Status.TOLERANCE_NOT_MET and found.warnings[0] == f"{h / 2:g}"
         missed = f"verified error {errors[1]:.2e} is above 1e-05 [rad, and m for each meter of reach]"
         assert found.details == {"missed": missed}
         assert len(steps) == len(errors)  # one more mesh where lq has nearly converged
     steps.clear()
     worst = iter([4e-5])
-    solve._refine(Problem(mesh=0.125), find_method("lq"), reached)  # type: ignore[arg-type,call-overload]
+    solve._refine(Problem(mesh=0.125), find_method("lq"), reached)  # type: ignore[arg-type]
     assert steps == [0.125]
     monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, status=Status.BASELINE))
     worst = iter([1.0])
-    assert solve._refine(Problem(), find_method("fjm"), reached).status == Status.BASELINE  # type: ignore[arg-type,call-overload]
+    assert solve._refine(Problem(), find_method("fjm"), reached).status == Status.BASELINE  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("estimates", "errors", "kept"),
+    [
+        ([0.1, 0.0], [1e-6, 1e-6], 1),
+        ([0.1, 0.05, 0.026], [1e-6, 1e-6, 1e-6], 1),  # the third is hardly better
+        ([0.1, 0.04, 0.02], [1e-6, 1e-6, 1e-6], 2),
+        ([0.1, 0.05, 0.0], [1e-6, 1e-3, 1e-6], 2),
+        ([0.1, 0.05, 0.02], [1e-6, 1e-3, 1e-3], 0),
+        ([0.1, None], [1e-6], 0),  # the method fails on the second
+    ],
+)
+def test_a_mesh_that_does_not_resolve_the_torques_is_halved(estimates, errors, kept, monkeypatch) -> None:
+    """An accepted solution is never lost. Planted: torques that are resolved, which are taken at once."""
+    model, finest = flexgen.read("planar5_nmp"), solve.INTERVALS
+    rest, worst = iter(estimates), iter(errors)
+
+    def made_next(*_: Any, intervals: int = 100) -> Any:
+        error = next(rest)
+        if error is None:
+            raise SolverError("singular pose")
+        return made(model, intervals=intervals, details={"converged": error == 0.0, "torque_error": error})
+
+    monkeypatch.setattr(solve, "run_method", lambda *_: None)
+    monkeypatch.setattr(solve, "make_solution", made_next)
+    monkeypatch.setattr(
+        solve, "verify_by_simulation", lambda *_: verification.Verification(simulated(model), None, None, next(worst))
+    )
+    found = solve._refine(Problem(), find_method("lq"), BestSolution())  # type: ignore[arg-type]
+    assert found is not None and found.status == Status.SOLVED and found.details["torque_error"] == estimates[kept]
+    assert bool(found.warnings) == (estimates[kept] != 0.0)
+    for planted, first in (([0.0, 0.1], 100), (estimates, finest + 1)):
+        rest, worst, reached = iter(planted), iter([1e-6]), BestSolution()
+        monkeypatch.setattr(solve, "make_solution", lambda *x, n=first: made_next(*x, intervals=n))
+        found = solve._refine(Problem(), find_method("lq"), reached)  # type: ignore[arg-type]
+        assert found is not None and found.details["torque_error"] == planted[0]
+
+
+def test_the_end_of_the_time_limit_leaves_an_accepted_solution() -> None:
+    model = flexgen.read("planar5_nmp")
+    reached = BestSolution(made(model), 1e-6, accepted=made(model, warnings=("estimated error",)))
+    assert reached.finish("simulation", 1.0).status == Status.SOLVED
+    assert reached.finish(None, 1.0).interrupted
+    reached.accepted = None
+    assert reached.finish("simulation", 1.0).status == Status.TOLERANCE_NOT_MET
 
 
 def test_without_verification_the_residual_decides(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,14 +185,14 @@ def test_without_verification_the_residual_decides(monkeypatch: pytest.MonkeyPat
     residuals = iter([1e-2, solve.RESIDUAL])
     monkeypatch.setattr(solve, "run_method", lambda *_: None)
     monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, residual_relative=next(residuals)))
-    problem, reached = Problem(verify=False), Made(keep=lambda *_: None)
-    found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type,call-overload]
+    problem, reached = Problem(verify=False), BestSolution()
+    found = solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
     assert found.residual_relative == solve.RESIDUAL and problem.texts == [
         "relative residual 1.0e-02: halving the mesh"
     ]
     residuals = iter([1e-2] * solve.ATTEMPTS)
     with pytest.raises(SolverError, match=r"method lq: .* residual 0\.125 N m, relative residual 1\.0e-02; switch"):
-        solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type,call-overload]
+        solve._refine(problem, find_method("lq"), reached)  # type: ignore[arg-type]
 
 
 def test_the_residual_that_is_small_depends_on_the_method() -> None:
@@ -178,8 +225,8 @@ def test_under_a_feedback_the_residual_or_the_defect_is_small(
     monkeypatch.setattr(solve, "run_method", lambda *_: None)
     monkeypatch.setattr(solve, "make_solution", lambda *_: made(model, residual_relative=residual))
     monkeypatch.setattr(solve, "verify_by_simulation", lambda *_: checked)
-    reached = Made(keep=lambda *_: None)
-    assert solve._refine(Problem(), find_method("lq"), reached).status == status  # type: ignore[arg-type,call-overload]
+    reached = BestSolution()
+    assert solve._refine(Problem(), find_method("lq"), reached).status == status  # type: ignore[arg-type]
 
 
 def test_a_refusal_names_what_is_off() -> None:

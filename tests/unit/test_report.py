@@ -485,3 +485,13 @@ def test_the_picture_of_the_readme_is_the_overview_of_today():
     assert "torques before the path starts" in now
     stored = (ROOT / "models" / "pictures" / "planar5_nmp_soft.svg").read_text(encoding="utf-8")
     assert words(now) == [word for word in words(stored) if word != "flexgen"] and len(words(now)) > 8
+
+
+def test_the_axis_of_a_motion_that_decays_for_long_ends_soon_after_the_path() -> None:
+    """Planted: a motion that ends with the axis."""
+    for until, noted in ((100.0, True), (2.0, False)):
+        ax = canvas.new_figure(4.0, 3.0, "").subplots()
+        ax.plot([-0.1, until], [0.0, 1.0])
+        canvas.time_axis(ax, -0.1, 0.5, min(until, canvas.longest(0.5)))
+        assert ax.get_xlim() == (-0.1, 2.0)
+        assert ("the motion ends at 100 s" in ax.get_xlabel()) == noted

@@ -22,10 +22,11 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     check_report(directory)
 
     from flexgen.analysis.analyze import analyze as analyze_model
-    from flexgen.inversion.comparison import compare_library, compare_methods
+    from flexgen.inversion.comparison import compare_methods
     from flexgen.inversion.problem_text import problem_of
     from flexgen.inversion.solve import ACCURACY
     from flexgen.inversion.solve import solve as solve_move
+    from flexgen.library.agreement import compare_library
     from flexgen.library.generate import generate as generate_library
     from flexgen.reports.html import write_report
     from flexgen.reports.texts import figure_rows, figures, steps_text
@@ -45,7 +46,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
         data: dict[str, Any] = {"solve": solution.to_dict() | {"trajectory": str(solution.trajectory.save(trajectory))}}
         text = f"{figures(figure_rows(solution))}\n\nwrote {trajectory}"
         return VerbResult(data, text, problem, list(solution.warnings), interrupted=True)
-    checked = compare_library(library, equations, solution)
+    checked = compare_library(library, equations, solution.trajectory)
     compared = compare_methods(equations, solution, log)
     log("report")
     report = write_report(equations, solution, directory, generated=generated, compared=compared)

@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexgen.deadline import OutOfTime
 from flexgen.errors import SolverError
 from flexgen.inversion.limits import enforce_limits
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.model_library import SOLVERS, inversion_library
-from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.problem import INTERVALS, InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, sample_force, samples
 from flexgen.inversion.settling import SETTLED, invert_until_settled
@@ -47,17 +48,17 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     """
     settled = SETTLED * problem.accuracy
     found, warnings, samples_per_interval = invert_path(problem, "lq", h, settled=settled)
+    first = found.intervals
     for parts in PARTS if problem.mesh is None and problem.limits is None else ():
-        if found.converged:
+        if found.converged or parts * first > 2 * INTERVALS:
             break
         problem.log(f"torques are off by about {found.torque_error:.0e} of the largest: halving the mesh")
         try:
             finer, noted, _ = invert_path(problem, "lq", h, parts, settled=settled)
-        except SolverError:
+        except (SolverError, OutOfTime):
             break
-        if not (finer.converged or finer.torque_error <= REDUCED * found.torque_error):
-            break
-        found, warnings = finer, noted
+        if finer.converged or finer.torque_error <= REDUCED * found.torque_error:
+            found, warnings = finer, noted
     if problem.limits is not None:
         return replace(enforce_limits(problem, found, samples_per_interval, TOLERANCE), warnings=warnings)
     return from_library(found, warnings)
