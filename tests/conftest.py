@@ -134,8 +134,9 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     os.environ["FLEXGEN_CACHE"] = str(folder.parent if before else folder / "unoptimized")
     from flexgen.library import c_module, model_library
     from flexgen.simulation import compiled_rate
+    from flexgen.sweeps.version import code_version
 
-    for kept in (model_library._holder, c_module.c_module, compiled_rate._advance):
+    for kept in (model_library._holder, c_module.c_module, compiled_rate._advance, code_version):
         kept.cache_clear()
 
 
