@@ -39,6 +39,7 @@ from flexgen.spec.parts import GearFriction
 if TYPE_CHECKING:
     from flexgen.spec.memory import Hysteresis
 
+NOT_NEGATIVE = ">= 0"
 _SPRING_UNITS = {
     "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
     "smoothing": "rad",
@@ -52,6 +53,7 @@ class Parameter:
 
     ``key``: dotted path of the number in a model file, such as ``motor.m1.friction.viscous``. ``inertia``: whether it
     belongs to a body or a rotor; then the functions are written from Lagrange's equations, without the recursions.
+    ``bound``: ``">= 0"`` or ``"> 0"``, empty for a number that may be negative.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Parameter:
     doc: str = ""
     key: str = ""
     inertia: bool = False
+    bound: str = ""
 
 
 @dataclass(frozen=True)
@@ -182,7 +185,9 @@ def _body(body: Body, name: str, visit: Visit) -> Body:
 
 
 def _payload(payload: Body, visit: Visit) -> Body:
-    mass = visit(Parameter("payload.mass", payload.mass, "kg", "payload: mass", "payload.mass"), "payload")
+    mass = visit(
+        Parameter("payload.mass", payload.mass, "kg", "payload: mass", "payload.mass", bound=NOT_NEGATIVE), "payload"
+    )
     doc = (
         "payload: center of mass in the frame that the tool is attached to; "
         "its inertia about the center stays that of the file"
@@ -248,14 +253,16 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
 
 
 def _damping(value: float, name: str, part: str, units: Units, key: str, visit: Visit) -> Any:
-    parameter = Parameter(f"{name}.damping", value, units("N m s/rad"), f"damping of {part}", f"{key}.damping")
+    doc, unit = f"damping of {part}", units("N m s/rad")
+    parameter = Parameter(f"{name}.damping", value, unit, doc, f"{key}.damping", bound=NOT_NEGATIVE)
     return visit(parameter, "damping")
 
 
 def _spring(spring: Spring, name: str, part: str, units: Units, key: str, visit: Visit) -> Spring:
     def number(kind: str) -> Parameter:
-        unit = units(_SPRING_UNITS[kind])
-        return Parameter(f"{name}.{kind}", getattr(spring, kind), unit, f"spring of {part}", f"{key}.{kind}")
+        value, unit, doc = getattr(spring, kind), units(_SPRING_UNITS[kind]), f"spring of {part}"
+        bound = NOT_NEGATIVE if kind in ("cubic", "gap") else "> 0"
+        return Parameter(f"{name}.{kind}", value, unit, doc, f"{key}.{kind}", bound=bound)
 
     return replace(spring, **{field.name: visit(number(field.name), "stiffness") for field in fields(spring)})
 
@@ -306,6 +313,7 @@ def _friction(friction: Friction, name: str, part: str, units: Units, key: str, 
                     units(field.metadata["unit"]),
                     f"friction of {part}",
                     f"{key}.friction.{field.name}",
+                    bound="" if field.metadata["signed"] else NOT_NEGATIVE,
                 ),
                 *(("friction", f"{name}.friction") if value != 0.0 and not field.metadata["alone"] else ()),
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ from flexgen.runtime.arguments import address, number_of
 from flexgen.runtime.identity import TOLERANCES
 from flexgen.runtime.structs import Interface
 
+Rows = Sequence[Mapping[str, Any]]  # of the run-time parameters in the manifest
 
-def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray:
-    """The run-time parameters of a call; ArgumentError where the library has none or another number of them."""
+
+def parameters_of(function: str, given: Any, of_model: np.ndarray, rows: Rows = ()) -> np.ndarray:
+    """The run-time parameters of a call; ArgumentError where the library has none, or `check_bounds` refuses them."""
     if given is None:
         return of_model
     if not of_model.size:
@@ -22,7 +25,19 @@ def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray
             f"{function}, parameters: given to a library without run-time parameters, expected one that was generated "
             "with parameters=[...] (--parameters)"
         )
-    return array_of(function, "parameters", given, of_model.shape, of_model.dtype)
+    values = array_of(function, "parameters", given, of_model.shape, of_model.dtype)
+    check_bounds(function, values, rows)
+    return values
+
+
+def check_bounds(function: str, values: np.ndarray, rows: Rows) -> None:
+    """ArgumentError for parameters (..., n_p) that no model file may have, such as a negative mass."""
+    for row, x in zip(rows, values.T, strict=False):
+        bound = row.get("bound", "")
+        if bound and (x.min(initial=np.inf) < 0.0 or (bound == "> 0" and not x.all())):
+            raise ArgumentError(
+                f"{function}, parameters: given {x.min():g} {row['unit']} as {row['name']}, expected a number {bound}"
+            )
 
 
 def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:

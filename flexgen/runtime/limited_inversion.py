@@ -131,7 +131,8 @@ class LimitedInverter(Inverter):
         deviation = np.zeros_like(given["dy"])
         knot_samples = whole_of(function, "knot_samples", knot_samples)
         bounds = struct_of(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)
-        values, period = parameters_of(function, parameters, self._parameters), number_of(function, "period", period)
+        values = parameters_of(function, parameters, self._parameters, self._rows)
+        period = number_of(function, "period", period)
         return replace(self._invert(given, values, q, period, options, bounds), deviation=deviation)
 
     def _arrays(self, given: Mapping[str, Any]) -> dict[str, Any]:

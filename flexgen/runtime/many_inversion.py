@@ -23,7 +23,7 @@ from flexgen.counts import count_of, show_value
 from flexgen.errors import ArgumentError
 from flexgen.progress import Choice, Progress, reporting
 from flexgen.runtime.arguments import number_of
-from flexgen.runtime.inversion_arguments import array_of, parameters_of, pointer, pointers
+from flexgen.runtime.inversion_arguments import array_of, check_bounds, parameters_of, pointer, pointers
 from flexgen.runtime.path_inversion import RESULTS, Inverter
 from flexgen.runtime.structs import failure_of, struct_of
 from flexgen.type_checks import checked_class, checked_types
@@ -254,6 +254,7 @@ class ManyInverter:
             if many
             else parameters_of(name, parameters, inverter._parameters)
         )
+        check_bounds(name, values, inverter._rows if many else ())
         own = {"own_path": y.ndim == 3, "own_parameters": values.ndim == 2, "own_q_start": starts.ndim == 2}
         lengths = {key: len(x) for key, x in zip(own, (y, values, starts), strict=True) if own[key]}
         if len(set(lengths.values())) != 1:

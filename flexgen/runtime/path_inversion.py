@@ -142,7 +142,7 @@ class Inverter:
     ) -> None:
         self._name, self._sizes, self._interface = manifest["name"], manifest["sizes"], interface_of(manifest)
         self._structs = self._interface.structs
-        self._parameters, self._real = parameters, parameters.dtype
+        self._parameters, self._real, self._rows = parameters, parameters.dtype, manifest.get("parameters", ())
         self._entry, self._work, self._failures = entry, work, failures
         self._function, self._can_settle = function, function != "bvp"
         self._takes_force = any(name == "force" for name, *_ in self._structs["samples"]._fields_)
@@ -256,7 +256,8 @@ class Inverter:
         period = number_of(function, "period", period)
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
         options |= servo_options(self.servo, function, servo, period, hold, delay)
-        return self._invert(given, parameters_of(function, parameters, self._parameters), q, period, options)
+        values = parameters_of(function, parameters, self._parameters, self._rows)
+        return self._invert(given, values, q, period, options)
 
     @checked_types(own=("period",))
     def positions(self, found: Inversion | np.ndarray, *, period: float, interpolation: str = "linear") -> np.ndarray:

@@ -155,7 +155,7 @@ class Stream:
                 f"expected 1 to {limits['STREAM_INTERVALS_MAX']} and 1 to {limits['STREAM_SAMPLES_MAX']}"
             )
         q = array_of("stream", "q_start", q_start, (self._sizes["n_a"],), real)
-        held = parameters_of("stream", parameters, entries.model_parameters)
+        held = parameters_of("stream", parameters, entries.model_parameters, entries.rows)
         self._memory = np.zeros(size, real)
         handle = self._handle()
         memory = (ctypes.byref(handle), ctypes.byref(options))
@@ -334,11 +334,11 @@ class Stream:
         Raises
         ------
         ArgumentError
-            Where the library has no run-time parameters, their number is another one, one is not finite, or the stream
-            has failed.
+            Where the library has no run-time parameters, their number is another one, one is not finite or no number
+            of a model file, such as a negative mass (C does not check that), or the stream has failed.
         """
         self._entries.refuse_closed()
-        values = parameters_of("stream", parameters, self._entries.model_parameters)
+        values = parameters_of("stream", parameters, self._entries.model_parameters, self._entries.rows)
         if not self._lock.acquire(blocking=False):
             raise ArgumentError("stream: given parameters while an update runs, expected one after the other")
         try:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.runtime.inversion_arguments import Rows
 from flexgen.runtime.servo import ServoEntry, servo_entry
 from flexgen.runtime.structs import Failures, Interface, closed_error, interface_of
 
@@ -18,8 +19,8 @@ from flexgen.runtime.structs import Failures, Interface, closed_error, interface
 class StreamEntries:
     """The C functions of streams: size of the memory, start, update, limits, parameters; structs and statuses.
 
-    ``name``: of the library; ``model_parameters``: the run-time parameters of the model file; ``closed``: set where
-    the library is closed.
+    ``name``: of the library; ``model_parameters``: the run-time parameters of the model file; ``rows``: of them in the
+    manifest; ``closed``: set where the library is closed.
     """
 
     name: str
@@ -36,6 +37,7 @@ class StreamEntries:
     again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
     push: Callable[..., int] | None = None  # takes forces on the output
     servo: ServoEntry | None = None  # that is sent positions
+    rows: Rows = ()
     closed: threading.Event = field(default_factory=threading.Event)
 
     @property
@@ -83,4 +85,5 @@ def streams_of(
         again,
         found(f"{manifest['name']}_stream_force") if "stream_force" in offered else None,
         servo_entry(manifest, found, failures, parameters.dtype),
+        manifest.get("parameters", ()),
     )

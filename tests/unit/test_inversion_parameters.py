@@ -146,6 +146,29 @@ def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
     assert np.abs(updates(stream, 1)[-1] - before[-1]).max() < 1e-9
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("payload.mass", -5.0, "given -5 kg as payload.mass, expected a number >= 0"),
+        ("q1.stiffness", 0.0, "number > 0"),
+    ],
+)
+def test_numbers_that_no_model_file_may_have_are_refused(flexible, values, name, value, words):
+    path, bad = samples(), np.array(values)
+    bad[flexible.parameter_names.index(name)] = value
+    one = {key: x for key, x in given().items() if key in ("y", "dy", "ddy", "period", "q_start")}
+    stream = flexible.stream(path["y"][0], path["q_start"], period=5e-3, intervals=20)
+    for call in (
+        lambda: stream.set_parameters(bad),
+        lambda: flexible.stream(path["y"][0], path["q_start"], period=5e-3, intervals=20, parameters=bad),
+        lambda: flexible.invert(**given(), parameters=bad),
+        lambda: flexible.invert_many(**one, parameters=np.stack([values, bad])),
+    ):
+        with pytest.raises(ArgumentError, match=words):
+            call()
+    stream.set_parameters(values)
+
+
 def test_invalid_sets_of_parameters_are_refused(flexible, baked, values):
     for bad, words in ((values[:-1], "parameters: given shape"), (["a"] * len(values), "parameters: given")):
         with pytest.raises(ArgumentError, match=words):
