@@ -192,6 +192,7 @@ def _find_solution(problem: InversionProblem, method: str, reached: BestSolution
         advice = 'joints pass singular poses of the tool: give the model an output of type "joint" for this move'
         raise SolverError(f"{error}; {advice}") from error
     assert found is not None  # without a list of failures they are raised
+    reached.solution, reached.accepted = found, None  # what follows is not accepted yet
     return found
 
 

@@ -180,6 +180,15 @@ def test_the_end_of_the_time_limit_leaves_an_accepted_solution() -> None:
     assert reached.finish("simulation", 1.0).status == Status.TOLERANCE_NOT_MET
 
 
+def test_a_time_limit_that_ends_after_the_verification_accepts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The torques of a controller may be checked after it."""
+    model = flexgen.read("planar5_nmp")
+    reached = BestSolution(accepted=made(model))
+    monkeypatch.setattr(solve, "_refine", lambda *_: made(model))
+    solve._find_solution(Problem(), "lq", reached)  # type: ignore[arg-type]
+    assert reached.finish("simulation", 1.0).status == Status.TOLERANCE_NOT_MET
+
+
 def test_without_verification_the_residual_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     model = flexgen.read("planar5_nmp")
     residuals = iter([1e-2, solve.RESIDUAL])
