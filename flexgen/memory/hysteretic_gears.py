@@ -29,8 +29,9 @@ from flexgen.memory.hysteresis import Layer, gear_layers
 from flexgen.numerics.evaluate import Evaluator
 from flexgen.numerics.tableaus import radau
 
-NEWTON, BISECTIONS, REVERSALS = 60, 60, 8
-ROUNDING, SOLVED = 1e-15, 1e-9  # of the last step of Newton's method: at most, and where it cannot be smaller
+NEWTON, SECANTS, REVERSALS = 60, 60, 8
+SOLVED = 1e-9  # relative: last step of Newton's method; its square is left
+INSTANT = 1e-11  # of a step: error of the instant of a reversal, whose square moves the deflection
 TABLE = radau(3)
 
 
@@ -94,8 +95,7 @@ def hysteretic_deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarra
     p, z = np.empty(tau_g.shape[:2]), np.zeros(tau_g.shape[:2])
     p[0] = start
     for k in range(1, len(t)):
-        p[k] = stage.advance(p[k - 1], t[k] - t[k - 1], tau_g[k - 1], tau_g[k])
-        z[k] = branch.torque(np.tile(p[k], (3, 1)))[2][0]
+        p[k], z[k] = stage.advance(p[k - 1], t[k] - t[k - 1], tau_g[k - 1], tau_g[k])
     return p, z
 
 
@@ -107,40 +107,52 @@ class _Stage:
     elastic: np.ndarray
     branch: _Branch
 
-    def advance(self, p: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Deflections after a step of ``h`` [s] from ``p`` (n_g,), torques (n_g, 3) at both ends."""
-        begin, branch = np.zeros(len(p)), self.branch
+    def advance(self, p: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Deflections and torques z after a step of ``h`` [s] from ``p`` (n_g,), torques (n_g, 3) at both ends."""
+        begin, branch, c = np.zeros(len(p)), self.branch, _quintic(h, left, right)
         for _ in range(REVERSALS):
-            end, rate = self.solve(p, begin, np.ones(len(p)), h, left, right)
+            end, rate, z = self.solve(p, begin, np.ones(len(p)), h, c)
             turned = self.elastic & branch.present & (branch.s * rate < 0.0)
             if not turned.any():
-                return end
-            low, high = begin.copy(), np.where(turned, 1.0, begin)
-            # the instant at which p' vanishes: bisection, all gears that turn at once
-            for _ in range(BISECTIONS):
-                middle = (low + high) / 2
-                _, rate = self.solve(p, begin, middle, h, left, right)
-                before = branch.s * rate > 0.0
-                low, high = np.where(turned & before, middle, low), np.where(turned & ~before, middle, high)
-                if (high - low).max() <= ROUNDING:
-                    break
-            reversal, _ = self.solve(p, begin, low, h, left, right)
+                break
+            instant, reversal = self.find_reversal(p, begin, turned, branch.s * rate, h, c)
             branch.turn(turned, reversal)
-            p, begin = np.where(turned, reversal, p), np.where(turned, low, begin)
-        return end
+            p, begin = np.where(turned, reversal, p), np.where(turned, instant, begin)
+        return end, z
+
+    def find_reversal(
+        self, p: np.ndarray, begin: np.ndarray, turned: np.ndarray, last: np.ndarray, h: float, c: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Instants, parts of a step, at which p' of the gears ``turned`` vanishes, and deflections there.
+
+        Illinois' method, all gears that turn at once; ``last``: rates at the end of the step, in their directions.
+        """
+        low, high, at = begin, np.ones(len(p)), begin
+        f_low, f_high, side = -last, last, np.zeros(len(p))  # the rate at the begin may be that of another reversal
+        for _ in range(SECANTS):
+            before = at
+            at = np.where(turned, low + (high - low) * f_low / np.where(turned, f_low - f_high, 1.0), begin)
+            found, rate, _ = self.solve(p, begin, at, h, c)
+            f = self.branch.s * rate
+            moving = f > 0.0
+            low, high = np.where(moving, at, low), np.where(moving, high, at)
+            f_low = np.where(moving, f, np.where(side < 0, f_low / 2, f_low))
+            f_high = np.where(moving, np.where(side > 0, f_high / 2, f_high), f)
+            side = np.where(moving, 1, -1)
+            if (np.abs(at - before)[turned] <= INSTANT).all() or not f[turned].any():
+                break
+        return at, found
 
     def solve(
-        self, p: np.ndarray, begin: np.ndarray, finish: np.ndarray, h: float, left: np.ndarray, right: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Deflections at ``finish`` and the sign of their rates, from ``p`` at ``begin``, both (n_g,) parts of a step.
+        self, p: np.ndarray, begin: np.ndarray, finish: np.ndarray, h: float, c: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Deflections at ``finish``, the sign of their rates, and z, from ``p`` at ``begin``, (n_g,) parts of a step.
 
-        Undamped gears: the sign of the rate of the torque.
+        ``c``: coefficients of the torque. Undamped gears: the sign of the rate of the torque.
         """
         A, damped, size = TABLE.A, self.D > 0.0, (finish - begin) * h
         at = begin + TABLE.c[:, None] * (finish - begin)
-        c = _quintic(h, left, right)
-        torque = np.asarray(sum(c[k] * at**k for k in range(6)))
-        later = sum(k * c[k] * at ** (k - 1) for k in range(1, 6))
+        torque = c[0] + at * (c[1] + at * (c[2] + at * (c[3] + at * (c[4] + at * c[5]))))
         x, D = np.tile(p, (3, 1)), np.where(damped, self.D, 1.0)
         for _ in range(NEWTON):
             value, slope, _ = self.branch.torque(x)
@@ -153,15 +165,17 @@ class _Stage:
             defect = np.where(self.elastic, defect, 0.0)
             step = np.linalg.solve(matrix, defect.T[:, :, None])[:, :, 0].T
             x = x - step
-            if np.abs(step).max() <= ROUNDING * (1e-3 + np.abs(x).max()):
+            if np.abs(step).max() <= SOLVED * (1e-3 + np.abs(x).max()):
                 break
-        if not np.abs(step).max() <= SOLVED * (1e-3 + np.abs(x).max()):
+        else:
             raise SolverError(
                 "hysteresis: no deflection of the gears carries their torques between two samples; expected finite "
                 "torques and a spring whose torque rises with its deflection"
             )
-        value, _, _ = self.branch.torque(x)
-        return x[-1], np.where(damped, torque[-1] - value[-1], later[-1])
+        value, _, z = self.branch.torque(x)
+        u = at[-1]
+        later = c[1] + u * (2 * c[2] + u * (3 * c[3] + u * (4 * c[4] + u * 5 * c[5])))
+        return x[-1], np.where(damped, torque[-1] - value[-1], later), z[-1]
 
 
 def _quintic(h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
