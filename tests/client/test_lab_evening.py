@@ -22,7 +22,7 @@ from flexgen.cli.main import main
 from flexgen.exports.mujoco import mjcf
 from flexgen.trajectory import Trajectory
 
-pytestmark = [needs_compiler, pytest.mark.full]
+pytestmark = [needs_compiler, pytest.mark.slow]
 ZERO = np.array([0.0, 3e-3])  # rad: what the joints turn more than is commanded
 TRUTH = {
     "position = [0.80, 0, 0]": "position = [0.803, 0, 0]",
