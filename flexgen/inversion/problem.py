@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them
 INTERVALS = 20_000  # of a mesh, at most: more do not fit into memory for large robots
+HELPS = 0.5  # of the estimated error of the torques, at most, is left on a mesh that is worth its time
 RESOLVED = 3.0  # zero times interval up to which three Gauss points resolve a zero; from 4.6 on it alternates in sign
 GRADING = 1.5  # ratio of adjacent intervals before the path
 SETTLING = 15.0  # time constants after the path; the solution is cut where the motion has decayed, see `settling`

@@ -16,7 +16,7 @@ from flexgen.inversion.choice import check_applies, default_method, further_meth
 from flexgen.inversion.hold import CommandName, Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, Method, find_method
-from flexgen.inversion.problem import ACCURACY, HELD, INTERVALS, LONGEST_SETTLING, InversionProblem
+from flexgen.inversion.problem import ACCURACY, HELD, HELPS, INTERVALS, LONGEST_SETTLING, InversionProblem
 from flexgen.inversion.reached import BestSolution, stage_of
 from flexgen.inversion.solution import Solution, limit_warnings, relative_residual, residual_rows, within_limits
 from flexgen.inversion.solve_arguments import check_arguments, without_effect
@@ -40,7 +40,6 @@ from flexgen.type_checks import checked_types
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
 ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
 RETRIES = 1  # more, where only the residual between the samples is too large, or lq has nearly converged
-HELPS = 0.5  # of the estimated error of the torques, at most, is left on a mesh that is worth its time
 NEAR = 100.0  # times the accuracy: an error of lq that a finer mesh may still reduce to it
 ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified

@@ -27,6 +27,7 @@ from flexgen.spec.parts import Tolerances
 WEAK = 0.2  # relative standard deviation; a normal number of this one is negative once in 3.5 million
 PAYLOAD, LOST, DELAY = "payload.mass", "lost_motion", "delay"
 NONE = -1
+ROUNDING = 1e-9  # relative to the largest eigenvalue of a correlation matrix
 
 
 @dataclass(frozen=True)
@@ -114,9 +115,15 @@ def sources_of(model: RobotModel, given: Tolerances) -> Sources:
     Raises
     ------
     ArgumentError
-        The table has standard deviations of no number that the model has.
+        The model does not have a number with one of the names, or the correlation has a negative eigenvalue.
     """
     named = select(model, given.parameters) if given.parameters else ()
+    missing = [name for name in given.parameters if name not in {p.name for p in named}]
+    if missing or len(named) != len(given.parameters):
+        raise ArgumentError(
+            f"uncertainty, parameters: given {(missing or given.parameters)[0]!r}, expected names of single numbers, "
+            "such as q1.stiffness"
+        )
     taken = {parameter.name for parameter in named}
     rows: list[tuple[str, str, float, list[Parameter]]] = []
     for kind, sd, groups in _kinds(model, given):
@@ -183,6 +190,10 @@ def _root(rows: Sequence[tuple[str, str, float, list[Parameter]]], given: Tolera
         size, count = len(order), len(given.parameters)
         matrix = np.array(given.correlation).reshape(count, count)[np.ix_(order, order)]
         values, vectors = np.linalg.eigh(matrix)
+        if values[0] < -ROUNDING * values[-1]:
+            raise ArgumentError(
+                f"uncertainty, correlation: given a matrix with the eigenvalue {values[0]:.3g}, expected none below 0"
+            )
         part = np.zeros((n, size))
         part[n - size :] = vectors * np.sqrt(np.clip(values, 0.0, None))
         columns += list(part.T)

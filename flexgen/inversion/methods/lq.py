@@ -26,7 +26,7 @@ from flexgen.errors import SolverError
 from flexgen.inversion.limits import enforce_limits
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.model_library import SOLVERS, inversion_library
-from flexgen.inversion.problem import INTERVALS, InversionProblem
+from flexgen.inversion.problem import HELPS, INTERVALS, InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, sample_force, samples
 from flexgen.inversion.settling import SETTLED, invert_until_settled
@@ -37,14 +37,13 @@ if TYPE_CHECKING:
 
 LONGEST = 1e-2  # s: longest interval
 PARTS = (2, 4)  # of an interval, where an inversion is not accurate by its own estimate
-REDUCED = 0.5  # of the estimated error of the torques, at most, is left on a mesh that is worth its time
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this processor.
 
-    Where the inversion has not converged, since its mesh does not resolve the torques, shorter intervals are taken as
-    long as they help. A simulation does not show such torques: the tool hardly follows ripples between the nodes.
+    Where the inversion has not converged, since its mesh does not resolve the torques, shorter intervals are taken
+    where they help. A simulation does not show such torques: the tool hardly follows ripples between the nodes.
     """
     settled = SETTLED * problem.accuracy
     found, warnings, samples_per_interval = invert_path(problem, "lq", h, settled=settled)
@@ -57,7 +56,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
             finer, noted, _ = invert_path(problem, "lq", h, parts, settled=settled)
         except (SolverError, OutOfTime):
             break
-        if finer.converged or finer.torque_error <= REDUCED * found.torque_error:
+        if finer.converged or finer.torque_error <= HELPS * found.torque_error:
             found, warnings = finer, noted
     if problem.limits is not None:
         return replace(enforce_limits(problem, found, samples_per_interval, TOLERANCE), warnings=warnings)
