@@ -30,6 +30,14 @@ static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.887298334620741
 static const real gauss_b[STAGES] = {5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0};
 static const real gauss_A[STAGES][STAGES] = {{5.0 / 36.0, -0.035976667524938878, 0.0097894440152484326},
     {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778}, {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
+#if MODEL_DIRECT
+/*
+ * Integrals, up to the Gauss points, of the integrals of the quadratic through them. Where a motion has no inertia,
+ * gauss_A gauss_A leaves an error that is a hundred times as large; but that is stable for all vibrations.
+ */
+static const real gauss_AA[STAGES][STAGES] = {{1.0 / 120.0, -0.0027329632490537084, 0.00075046260534953094},
+    {0.10587476869732523, 1.0 / 48.0, -0.0017081020306585679}, {0.21591620406131715, 0.16939962991572038, 1.0 / 120.0}};
+#endif /* MODEL_DIRECT */
 #endif
 
 /* The largest lane; where one is NaN it is overlooked. */

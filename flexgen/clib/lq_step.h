@@ -244,10 +244,14 @@ static inline void add_up_triple(const real *triple, const real *weights, real *
 /* Share of the accelerations of point t in speeds and positions of point s, times h and h^2. */
 static inline void stage_weights(real h, int s, int t, real *once, real *twice)
 {
+#if MODEL_DIRECT
+    *twice = gauss_AA[s][t];
+#else  /* MODEL_DIRECT */
     *twice = 0.0;
     for (int k = 0; k < STAGES; ++k) {
         *twice += gauss_A[s][k] * gauss_A[k][t];
     }
+#endif /* MODEL_DIRECT */
     *once = h * gauss_A[s][t] * scale_a;
     *twice *= h * h * scale_a;
 }

@@ -47,10 +47,14 @@ static inline void stage_state(const real *y, const real *a, real h, int s, real
     for (int i = 0; i < NE; ++i) {
         real once = 0.0, twice = 0.0;
         for (int j = 0; j < STAGES; ++j) {
+#if MODEL_DIRECT
+            const real A2 = gauss_AA[s][j];
+#else  /* MODEL_DIRECT */
             real A2 = 0.0;
             for (int k = 0; k < STAGES; ++k) {
                 A2 += gauss_A[s][k] * gauss_A[k][j];
             }
+#endif /* MODEL_DIRECT */
             once += gauss_A[s][j] * a[j * NE + i];
             twice += A2 * a[j * NE + i];
         }

@@ -45,7 +45,7 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
-_PARTS = ("CURVED", "FORCE", "HYSTERESIS", "HARMONICS", "LIMITS", "LOAD", "LUGRE", "MEMORY", "POSITION")
+_PARTS = ("CURVED", "DIRECT", "FORCE", "HYSTERESIS", "HARMONICS", "LIMITS", "LOAD", "LUGRE", "MEMORY", "POSITION")
 _IF = re.compile(r"#if (?:MODEL_)?([A-Z]+)(?: (>|==|!=) (\d+))?\n")
 _COMPARE = {">": gt, "==": eq, "!=": ne}
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
@@ -149,6 +149,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
     has = {
         "CURVED": is_curved(spec),
+        "DIRECT": spec.motor_constants.massless,
         "FORCE": spec.force,
         "HYSTERESIS": count_elements(spec) > 0,
         "HARMONICS": is_harmonic(spec),

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexgen.model.elements import LinearSpring, RobotModel
 from flexgen.model.friction import bristled_motors
 from flexgen.position_servo.keys import ServoTable
+
+if TYPE_CHECKING:
+    from flexgen.mechanics.parameters import Parameter
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,8 @@ class MotorConstants:
         Of libraries with positions to send.
     pose : bool
         Whether the output is a pose.
+    massless : bool
+        Whether a motion has no inertia, see `flexgen.mechanics.inversion_functions.lacks_inertia`.
     """
 
     i_g: tuple[int, ...]
@@ -66,6 +72,7 @@ class MotorConstants:
     arm_side: tuple[float, ...]
     servo: ServoTable | None
     pose: bool
+    massless: bool
 
 
 def position_obstacle(model: RobotModel) -> str | None:
@@ -91,8 +98,14 @@ def _lugre(model: RobotModel) -> dict[str, tuple[float, ...]]:
     return {name: tuple(float(x) for x in values) for name, values in zip(names, numbers, strict=True)}
 
 
-def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants:
-    """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C has its inverse."""
+def motor_constants(
+    model: RobotModel, position: bool = False, equations: Any = None, parameters: Sequence[Parameter] = ()
+) -> MotorConstants:
+    """The `MotorConstants` of a model that can be inverted; ``position``: with its servo, where C has its inverse.
+
+    equations, parameters: of the library, for `MotorConstants.massless`.
+    """
+    from flexgen.codegen.routines import is_massless
     from flexgen.mechanics.lagrangian import gears
     from flexgen.memory.hysteresis import gear_layers  # here, as these need CasADi
     from flexgen.memory.hysteresis_law import curve_of
@@ -124,4 +137,5 @@ def motor_constants(model: RobotModel, position: bool = False) -> MotorConstants
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,
         pose=model.output.type == "tool_pose",
+        massless=equations is not None and is_massless(equations, parameters),
     )

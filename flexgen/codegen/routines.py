@@ -5,16 +5,21 @@ Linear systems whose elimination would be long, and functions of long arms, are 
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
 from flexgen.errors import BuildError
 from flexgen.expressions.routine import Block, Expressions, Factor, Routine, Solve, Zeros, profile
+from flexgen.mechanics.inversion_functions import lacks_inertia
 from flexgen.recursion import columns
 from flexgen.recursion.column_functions import around_the_arm, long_chain, shorter_mass_matrix
 from flexgen.recursion.functions import fast_function
 from flexgen.spec.ports import Port
+
+if TYPE_CHECKING:
+    from flexgen.mechanics.parameters import Parameter
 
 PARAMETERS = "parameters"  # the port with the numbers that may change at run time
 
@@ -27,6 +32,12 @@ def mathematics_of(equations: Any, name: str) -> ca.Function:
 def needs_parameters(program: Routine) -> bool:
     """True where a step depends on the run-time parameters."""
     return any(PARAMETERS in step.function.name_in() for step in program.steps if isinstance(step, Expressions))
+
+
+def is_massless(equations: Any, parameters: Sequence[Parameter]) -> bool:
+    """`lacks_inertia` of a model that can be inverted, with the run-time parameters of the model file."""
+    jacobians, constraint = (mathematics_of(equations, name) for name in ("inversion_jacobians", "output_constraint"))
+    return lacks_inertia(equations.model, jacobians, constraint, {PARAMETERS: [p.value for p in parameters]})
 
 
 def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> Routine:

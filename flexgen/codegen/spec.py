@@ -332,7 +332,6 @@ def library_spec(
     parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
     sizes = _sizes(model, names, len(parameters))
     coordinates = tuple(c.name for c in model.coordinates)
-    units = tuple(c.unit for c in model.coordinates)
     motors = tuple(m.name for m in model.motors)
     for name in (*coordinates, *motors):
         problem = identifier_problem(name)
@@ -340,7 +339,6 @@ def library_spec(
             raise BuildError(f"name of a coordinate or motor: given {name!r}, expected {problem}")
     q_a = np.zeros(model.n_a)
     q_a[list(model.i_g)] = model.home
-    q_m = model.eta @ q_a[list(model.i_g)]
     c_functions = () if per_point else offered_c_functions(model, names, parameters, precision, parts)
     inverts = _inverts(c_functions, parameters)
     half = [*coordinates, *(motors[j] for j in model.i_m)]
@@ -349,10 +347,10 @@ def library_spec(
         functions=tuple(_function_spec(row, equations, sizes) for row in TABLE if row.name in names),
         sizes=sizes,
         coordinates=coordinates,
-        coordinate_units=units,
+        coordinate_units=tuple(c.unit for c in model.coordinates),
         motors=motors,
         states=(*half, *(f"d({name})/dt" for name in half)),
-        home={"q_a": tuple(float(x) for x in q_a), "q_m": tuple(float(x) for x in q_m)},
+        home={"q_a": (*map(float, q_a),), "q_m": (*map(float, model.eta @ q_a[list(model.i_g)]),)},
         digest=model_digest(model),
         gravity=tuple(float(x) for x in model.gravity),
         gears=tuple(tuple((j, float(r)) for j, r in zip(m.drives, m.ratio, strict=True)) for m in model.motors),
@@ -363,7 +361,7 @@ def library_spec(
         per_point=per_point,
         force=FORCE in parts,
         c_functions=c_functions,
-        motor_constants=motor_constants(model, POSITION in parts) if inverts else None,
+        motor_constants=motor_constants(model, POSITION in parts, equations, parameters) if inverts else None,
         kinematic_constants=kinematic_constants(model) if model.n_g >= FREE else None,
         constants=_constants(model),
     )

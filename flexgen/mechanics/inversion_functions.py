@@ -11,11 +11,17 @@ Here from the Lagrangian; by recursion in `flexgen.recursion.inversion_functions
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import casadi as ca
+import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.system import Builder, Built, System
+from flexgen.model.elements import RobotModel
+
+MASSLESS = 1e-9  # relative: an inertia that is rounding
 
 
 def _check(system: System, name: str) -> None:
@@ -83,6 +89,36 @@ def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX
         of_output = [*of_output, row - force, by_q - ca.jacobian(force, q), by_v - ca.jacobian(force, v), by_a]
         names += ["row", "row_q", "row_v", "row_a"]
     return [q, v, a], ["q_a", "v_a", "a_a"], of_output, names
+
+
+def lacks_inertia(
+    model: RobotModel, jacobians: ca.Function, constraint: ca.Function, values: Mapping[str, Sequence[float]]
+) -> bool:
+    """Whether some motion of the coordinates without motor that keeps the output has no inertia, in every pose.
+
+    ``A = R_a S`` is singular then: R the rows without motor, S the motions with ``W S = 0``. Such is a chain of masses
+    on one axis whose output is the last mass. Seen at the home pose and at two others, drawn.
+
+    Parameters
+    ----------
+    model : RobotModel
+    jacobians, constraint : casadi.Function
+        Its functions `inversion_jacobians` and `output_constraint`; ``values``: of further inputs, by name.
+    """
+    i_g, i_e = list(model.i_g), list(model.i_e)
+    rng = np.random.default_rng(0)
+    for amplitude in (0.0, 0.3, 0.3) if i_e else ():
+        q = amplitude * rng.standard_normal(model.n_a)
+        q[i_g] += model.home
+        by_a, W = (
+            np.array(f.call({key: x for key, x in {"q_a": q, **values}.items() if key in f.name_in()})[name])
+            for f, name in ((jacobians, "row_a"), (constraint, "W"))
+        )
+        lengths = np.sqrt(np.diag(by_a[:, i_e]))  # of rows and columns in units of their own inertia
+        A = by_a[:, i_e] - by_a[:, i_g] @ np.linalg.lstsq(W[:, i_g], W[:, i_e], rcond=None)[0]
+        if np.linalg.svd(A / lengths / lengths[:, None], compute_uv=False)[-1] > MASSLESS:
+            return False
+    return bool(i_e)
 
 
 BUILDERS: dict[str, Builder] = {

@@ -118,8 +118,7 @@ def test_the_end_is_at_rest_on_a_fine_mesh() -> None:
 def test_a_mesh_that_resolves_a_fast_zero_ends_at_rest_too() -> None:
     """Unstable zeros of 2098 and 16 +- 249i 1/s, 98 um where the cost of the slow pair has not converged."""
     solution = flexgen.solve("manutec_r3_efjm", method="lq")
-    assert solution.status is flexgen.Status.SOLVED and solution.tool_error_max_m < 5e-8
-    assert [text[:40] for text in solution.warnings] == ["the samples do not resolve the motor tor"]  # 0.8 %
+    assert solution.status is flexgen.Status.SOLVED and solution.tool_error_max_m < 5e-8 and not solution.warnings
 
 
 @pytest.mark.slow
