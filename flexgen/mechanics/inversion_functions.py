@@ -114,9 +114,11 @@ def lacks_inertia(
             np.array(f.call({key: x for key, x in {"q_a": q, **values}.items() if key in f.name_in()})[name])
             for f, name in ((jacobians, "row_a"), (constraint, "W"))
         )
-        lengths = np.sqrt(np.diag(by_a[:, i_e]))  # of rows and columns in units of their own inertia
+        if not (np.isfinite(by_a).all() and np.isfinite(W).all()):
+            return False
+        own = np.sqrt(np.diag(by_a[:, i_e]).clip(np.finfo(float).tiny))  # units of rows and columns: their own inertia
         A = by_a[:, i_e] - by_a[:, i_g] @ np.linalg.lstsq(W[:, i_g], W[:, i_e], rcond=None)[0]
-        if np.linalg.svd(A / lengths / lengths[:, None], compute_uv=False)[-1] > MASSLESS:
+        if np.linalg.svd(A / own / own[:, None], compute_uv=False)[-1] > MASSLESS:
             return False
     return bool(i_e)
 

@@ -108,3 +108,15 @@ def test_motions_without_inertia_are_as_accurate(monkeypatch):
     monkeypatch.setattr(routines, "is_massless", lambda *_: False)
     error, solution = error_of(replace(arm, name="abb_other"), "turn", of_three_masses)
     assert error > 5e-3 and any("estimated error" in text for text in solution.warnings)
+
+
+def test_an_arm_without_any_inertia_is_still_generated(tmp_path):
+    """The end of the chain of abb_arm has neither mass nor inertia: no units for the rows of the last coordinate."""
+    text = (ROOT / "models/abb_arm.toml").read_text()
+    head, last, rest = text.partition('name = "arm"\n')
+    line, _, rest = rest.partition("\n")
+    assert line.startswith("body = { mass = 1.0")
+    (tmp_path / "abb_end.toml").write_text(f"{head}{last}body = {{ mass = 0.0 }}\n{rest}")
+    equations = flexgen.derive(flexgen.read(tmp_path / "abb_end.toml"))
+    assert routines.is_massless(equations, ())
+    assert not routines.is_massless(flexgen.derive("planar5_nmp"), ())
