@@ -76,7 +76,7 @@ def equidistant(text: str) -> str:
 
     for name, values in (("c", c), ("b", b), ("A", A)):
         text, count = re.subn(
-            rf"(gauss_{name}[^=;]*= )\{{[^;]*;", lambda found, x=values: f"{found[1]}{listed(x)};", text
+            rf"(gauss_{name}\b[^=;]*= )\{{[^;]*;", lambda found, x=values: f"{found[1]}{listed(x)};", text
         )
         assert count == 1
     return text
