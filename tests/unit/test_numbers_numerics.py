@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from scipy.linalg import solve_discrete_are
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
+from flexgen.codegen.clib_files import read_clib
 from flexgen.errors import SolverError
 from flexgen.mechanics.output_columns import turn_angle
 from flexgen.numerics import nlp, trust_region
@@ -47,6 +49,15 @@ def test_known_tableaus_of_gauss_radau_and_lobatto() -> None:
             assert_allclose(twice @ f, theta ** (k + 2) / (k + 1) / (k + 2), atol=1e-13)
             assert_allclose(table.AA @ f, table.c ** (k + 2) / (k + 1) / (k + 2), atol=1e-13)
             assert_allclose([table.b @ f, table.bb @ f], [1 / (k + 1), 1 / (k + 1) / (k + 2)], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "allowed"), [("c", 3e-16), ("b", 3e-16), ("A", 1e-13), ("AA", 3e-16)])
+def test_the_tables_in_c_are_those_of_three_gauss_points(name: str, allowed: float) -> None:
+    """A wrong digit would be an error of the motion that no law shows; A[0][2] has one of 6e-14, less than rounding."""
+    found = re.search(rf"gauss_{name}\b[^=;]*= (\{{[^;]*);", read_clib()["inversion_common.h"])
+    assert found is not None
+    numbers = [float(a) / float(b or 1) for a, b in re.findall(r"(-?\d\.\d+)(?: / (\d+\.\d+))?", found[1])]
+    assert_allclose(numbers, np.ravel(getattr(gauss(3), name)), rtol=0, atol=allowed)
 
 
 @pytest.mark.parametrize(("which", "size"), [("b", 1e-9), ("A", 1e-4), ("order", 1)])
