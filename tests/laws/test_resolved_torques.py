@@ -110,8 +110,8 @@ def test_motions_without_inertia_are_as_accurate(monkeypatch):
     assert error > 5e-3 and any("estimated error" in text for text in solution.warnings)
 
 
-def test_an_arm_without_any_inertia_is_still_generated(tmp_path):
-    """The end of the chain of abb_arm has neither mass nor inertia: no units for the rows of the last coordinate."""
+def test_a_last_element_without_inertia_is_a_motion_without_inertia(tmp_path):
+    """Neither mass nor inertia at the end of the chain: no units for the row of its coordinate."""
     text = (ROOT / "models/abb_arm.toml").read_text()
     head, last, rest = text.partition('name = "arm"\n')
     line, _, rest = rest.partition("\n")
