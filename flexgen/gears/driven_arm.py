@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -50,25 +51,34 @@ class Element:
 
 @dataclass(frozen=True)
 class MotorMotion:
-    """Motor angles as a curve: ``time`` (n,) [s] at equal steps, and a quintic spline through the angles."""
+    """Motor angles as a curve: ``time`` (n,) [s] at equal steps, and a quintic spline through the angles.
+
+    ``steps``: of the integration from sample to sample.
+    """
 
     time: np.ndarray
     curve: BSpline
+    steps: int
 
     @classmethod
-    def through(cls, time: np.ndarray, q_m: np.ndarray) -> MotorMotion:
+    def through(cls, time: np.ndarray, q_m: np.ndarray, steps: int) -> MotorMotion:
         """The motion through angles (n, n_m) [rad]."""
-        return cls(time, make_interp_spline(time, q_m, k=5))
+        return cls(time, make_interp_spline(time, q_m, k=5), steps)
 
-    def at(self, time: np.ndarray) -> np.ndarray:
-        """Angles, speeds and accelerations (k, 3 n_m)."""
-        return np.hstack([self.curve(time, order) for order in range(3)])
+    @cached_property
+    def samples(self) -> np.ndarray:
+        """Angles, speeds and accelerations (n, 3 n_m) at the samples."""
+        return self._at(self.time)
 
-    def inputs(self, steps: int) -> np.ndarray:
-        """The same at start, middle and end of ``steps`` steps a sample: (steps (n - 1), 3, 3 n_m)."""
-        count = 2 * steps * (len(self.time) - 1)
-        rows = self.at(np.linspace(self.time[0], self.time[-1], count + 1))
+    @cached_property
+    def inputs(self) -> np.ndarray:
+        """The same at start, middle and end of all steps: (steps (n - 1), 3, 3 n_m)."""
+        count = 2 * self.steps * (len(self.time) - 1)
+        rows = self._at(np.linspace(self.time[0], self.time[-1], count + 1))
         return np.stack([rows[:-1:2], rows[1::2], rows[2::2]], axis=1)
+
+    def _at(self, time: np.ndarray) -> np.ndarray:
+        return np.hstack([self.curve(time, order) for order in range(3)])
 
 
 class DrivenArm:

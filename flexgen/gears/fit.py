@@ -128,13 +128,13 @@ class GearModel:
         self.start[: self.parts] = 1.0
         self.start[self.parts : self.errors] = np.clip(start[:, 2] / LOST, LEAST_LOST, MOST_LOST)
         self.arm = DrivenArm(equations, sought.elements, sought.exponents, sought.errors, sought.harmonics)
-        self.motion = MotorMotion.through(signals.time, signals.q_m)
         poses = signals.q_m[np.linspace(0, len(signals.time) - 1, POSES).astype(int)]
         steep = self.start.copy()
         steep[len(values) : self.shapes] *= STIFFER
         self.largest = 1e12
         self.segments = self.arm.segments(signals.sample_s, self.arm.fastest(poses, self.numbers(steep)))
         self.largest = SLOWEST / self.segments.step
+        self.motion = MotorMotion.through(signals.time, signals.q_m, self.segments.steps)
         self.measured, self.first = signals.torques(signals.tau_m), 0
         self.late = np.gradient(self.measured, signals.sample_s, axis=0)
         self.first = self._forgets()
@@ -150,21 +150,19 @@ class GearModel:
 
     def torques(self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None) -> np.ndarray:
         """Torques (points, k, n_m) in the band, from where the start is forgotten; ``start``: a state (n_x,)."""
-        inputs, at = motion.inputs(self.segments.steps), motion.at(motion.time)
-        out, linear = [], self.regressors(motion)
-
+        inputs, at, out, linear = motion.inputs, motion.samples, [], self.regressors(motion)
         numbers = [self.numbers(theta) for theta in points]
         starts = [self.arm.rest(at[0, : self.n_m], p) if start is None else start for p in numbers]
         with ThreadPoolExecutor(max(1, cpu_count() or 1), "gears") as pool:  # of calls of C, which share nothing
             states = pool.map(self._simulate, numbers, [inputs] * len(numbers), starts)
-            for theta, x in zip(points, states, strict=True):
-                found = self.signals.torques(self.arm.torques(x, at, self.numbers(theta)))
+            for theta, p, x in zip(points, numbers, states, strict=True):
+                found = self.signals.torques(self.arm.torques(x, at, p))
                 out.append(found[self.first :] + linear @ theta[self.bent :])
         return np.array(out)
 
     def regressors(self, motion: MotorMotion) -> np.ndarray:
         """Derivatives (k, n_m, linear) of the torques in frictions, constants, cogging and delay."""
-        n, at = self.n_m, motion.at(motion.time)
+        n, at = self.n_m, motion.samples
         q, v = at[:, :n], at[:, n : 2 * n]
         largest = np.abs(v).max(axis=0) + 1e-300
         parts = [v, np.tanh(v / (CREEP * largest)), np.ones_like(v)]
@@ -190,9 +188,8 @@ class GearModel:
     def more_noise(self, seed: int, factor: float = 1.0) -> MotorMotion:
         """The motion with as much noise of the angles as the record has, once more, times a factor."""
         signals = self.signals
-        return MotorMotion.through(
-            signals.time, signals.q_m + factor * signals.angle_noise(np.random.default_rng(seed))
-        )
+        q_m = signals.q_m + factor * signals.angle_noise(np.random.default_rng(seed))
+        return MotorMotion.through(signals.time, q_m, self.segments.steps)
 
     def change_by_noise(self, theta: np.ndarray) -> np.ndarray:
         """What more noise of the angles changes in the torques (k, n_m)."""
@@ -224,8 +221,8 @@ class GearModel:
 
     def loops(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Deflections of gears, torques of their elements, and these with the residuals: (k, gears, 3), arm side."""
-        p, gears, at = self.numbers(theta), list(self.sought.gears), self.motion.at(self.motion.time)
-        x = self._simulate(p, self.motion.inputs(self.segments.steps), self.arm.rest(at[0, : self.n_m], p))
+        p, gears, at = self.numbers(theta), list(self.sought.gears), self.motion.samples
+        x = self._simulate(p, self.motion.inputs, self.arm.rest(at[0, : self.n_m], p))
         kept = slice(self.signals.margin + self.first, len(at) - self.signals.margin)
         each = x[kept, x.shape[1] - self.count :]
         z = each @ np.equal.outer(self.at, gears)
@@ -239,7 +236,7 @@ class GearModel:
 
     def _forgets(self) -> int:
         """The first sample of the filtered torques that does not depend on how the motion began."""
-        p, n, at = self.numbers(self.start), len(self.arm.free), self.motion.at(self.motion.time[:1])[0]
+        p, n, at = self.numbers(self.start), len(self.arm.free), self.motion.samples[0]
         rest = self.arm.rest(at[: self.n_m], p)
         moving, full = rest.copy(), rest.copy()
         slip = p[self.shapes : self.shapes + self.count]

@@ -9,6 +9,7 @@ falls below it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import firwin, oaconvolve, welch
@@ -61,7 +62,7 @@ class Signals:
         """Samples that the second filter takes from both ends."""
         return len(self._again) // 2
 
-    @property
+    @cached_property
     def _again(self) -> np.ndarray:
         return firwin(_count(1.0 / self.sample_s, self.band_hz), self.band_hz, fs=1.0 / self.sample_s, window=WINDOW)
 
