@@ -477,9 +477,9 @@ typedef struct {
 /*
  * Whether the cost has converged: no diagonal entry of P changes by more than the share `change`, and no pivot by more
  * than that and by more than in the sweep before. The cost of a stable motion grows less and less; that of an unstable
- * one grows exponentially until it is large, for long where the intervals are short. exact_too: whether no pivot that
- * counts changes by more than `converged_cost`, or by more than rounding: a cost that much larger ones hide is known
- * less exactly. More intervals cannot cost less, so that a pivot which shrinks does so by rounding.
+ * one grows exponentially until it is large, for long where the intervals are short. exact_too: no pivot that counts
+ * changes by more than `converged_cost`, or by rounding, of a cost that larger ones hide: more intervals cannot cost
+ * less, so that a pivot shrinks by rounding only.
  */
 static inline int is_stationary(const real *P, const real *before, real change, cost_growth *g, int *exact_too)
 {

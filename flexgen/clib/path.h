@@ -25,19 +25,17 @@ static inline void quintic(real x, const real left[3], const real right[3], real
     out[2] = left[2] + x * (6.0 * a3 + x * (12.0 * a4 + x * 20.0 * a5));
 }
 
-/* A coordinate of the path between two samples of value, rate times period and second derivative times its square. */
-static inline void between_positions(real x, const real left[3], const real right[3], real out[3])
+/*
+ * A coordinate between two samples of value, rate times T and second derivative times T^2; both change. For a short
+ * period T the rates give the difference of values, which have too few digits for accelerations.
+ */
+static inline void between_positions(real x, real T, real left[3], real right[3], real out[3])
 {
-#if BYTES == 8
+    const real first = left[0], d = right[0] - first;
+    left[0] = 0.0;
+    right[0] = T < PRECISE(4e-4, 1e9) ? 0.5 * (left[1] + right[1]) + (left[2] - right[2]) / 12.0 : d;
     quintic(x, left, right, out);
-#else /* the quartic with these rates: a difference of positions has too few digits for accelerations */
-    const real d = right[1] - left[1];
-    const real a3 = d - (2.0 * left[2] + right[2]) / 3.0, a4 = 0.25 * (left[2] + right[2]) - 0.5 * d;
-    const real missing = (right[0] - left[0]) - (left[1] + 0.5 * left[2] + a3 + a4);
-    out[0] = left[0] + x * (left[1] + missing + x * (0.5 * left[2] + x * (a3 + x * a4)));
-    out[1] = left[1] + x * (left[2] + x * (3.0 * a3 + x * 4.0 * a4));
-    out[2] = left[2] + x * (6.0 * a3 + x * 12.0 * a4);
-#endif
+    out[0] = first + (out[0] + x * (d - right[0]));
 }
 
 #if MODEL_POSE
@@ -142,7 +140,7 @@ static inline void reference_sample(const model_samples *p, ptrdiff_t k, real *o
 #endif /* MODEL_FORCE */
 }
 
-/* y, dy and ddy at sample k + x, 0 <= x <= 1; the path is constant before the first and after the last sample. */
+/* The same at sample k + x, 0 <= x <= 1. */
 static inline void reference_at(const model_samples *p, int k, real x, real *out)
 {
     const real T = p->period;
@@ -155,10 +153,10 @@ static inline void reference_at(const model_samples *p, int k, real x, real *out
         const real *a0 = p->ddy + at * NY, *a1 = a0 + NY;
         const int positions = MODEL_POSE ? 3 : NY;
         for (int i = 0; i < positions; ++i) {
-            const real left[3] = {y0[i], T * v0[i], T * T * a0[i]};
-            const real right[3] = {y1[i], T * v1[i], T * T * a1[i]};
+            real left[3] = {y0[i], T * v0[i], T * T * a0[i]};
+            real right[3] = {y1[i], T * v1[i], T * T * a1[i]};
             real q[3];
-            between_positions(x, left, right, q);
+            between_positions(x, T, left, right, q);
             out[i] = q[0];
             out[NT + i] = q[1] / T;
             out[NT + NY + i] = q[2] / (T * T);
@@ -187,10 +185,10 @@ static inline void reference_at(const model_samples *p, int k, real x, real *out
             }
             inverse_left_jacobian(f1, difference, e1);
             for (int i = 0; i < 3; ++i) {
-                const real left[3] = {0.0, T * v0[3 + i], T * T * a0[3 + i]};
-                const real right[3] = {f1[i], T * d1[i], T * T * e1[i]};
+                real left[3] = {0.0, T * v0[3 + i], T * T * a0[3 + i]};
+                real right[3] = {f1[i], T * d1[i], T * T * e1[i]};
                 real q[3];
-                between_positions(x, left, right, q);
+                between_positions(x, T, left, right, q);
                 f[i] = q[0];
                 d[i] = q[1] / T;
                 e[i] = q[2] / (T * T);

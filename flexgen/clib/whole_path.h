@@ -358,7 +358,7 @@ static inline int path_sizes_fit(int n, const model_inversion_options *o)
            o->growth >= 0 && o->growth <= MODEL_GROWS;
 }
 
-/* Whether an array of so many numbers can be addressed; on small processors not all sizes can. */
+/* Whether so many numbers can be addressed: on small processors not all sizes can. */
 static inline int is_addressable(int64_t numbers)
 {
     return numbers <= (int64_t)(PTRDIFF_MAX / (ptrdiff_t)sizeof(real));
@@ -453,7 +453,7 @@ static inline void residuals_of_force(
 }
 
 #endif /* MODEL_FORCE */
-/* The path at the Gauss points, and joints that follow it while all nodes keep the deflections of the equilibrium q. */
+/* The path at the Gauss points, and joints that follow it with the deflections of the equilibrium q. */
 #if MODEL_FORCE
 /* row: residuals of the points by the force; not written if null. */
 #endif /* MODEL_FORCE */
@@ -534,7 +534,7 @@ typedef struct {
 
 static const real shortest_end = 0.05; /* s: motion after the path, at least */
 
-/* Time after the path before which no motion ends: in it the deflections of damped gears decay [s]. */
+/* No motion ends before this time after the path: deflections of damped gears decay in it [s]. */
 static inline real shortest_motion_after(real *space)
 {
     return fmax_1(shortest_end, gear_settling(space));
@@ -654,8 +654,8 @@ typedef struct {
 
 /*
  * Whether to stop after an iteration that leaves `residual`: converged below the share `target` of the tolerance, or
- * where an iteration gains less than a factor of ten below the tolerance; failed after NEWTON_STEPS, or after four
- * iterations in a row that gain less than a factor of two.
+ * below it where an iteration gains less than a factor of ten; failed after NEWTON_STEPS, or four iterations in a row
+ * that gain less than a factor of two.
  */
 static inline int newton_state(newton *s, real residual, real tolerance, real target)
 {
@@ -821,8 +821,7 @@ static inline int arm_at_samples(
     return MODEL_OK;
 }
 
-/* Of each column of samples: its largest size, and the largest difference to the finite differences of another array.
- */
+/* Of each column of samples: its largest size and its largest difference to finite differences of another array. */
 typedef struct {
     real most[NA], off[NA]; /* off: times 60 periods */
 } column_maxima;
@@ -864,10 +863,10 @@ MODEL_INLINE void add_column_maxima(
 
 #if MODEL_NE > 0
 /*
- * Estimate of the largest error of a motor torque, relative to the largest torque of this motor. Between Gauss points
- * a residual is left that ripples with the intervals; behind a gear, a rotor has to follow it, with a torque J (2 pi /
- * h)^2 / K times as large. A sixth difference over quarters of an interval is 8 to 64 times such a ripple. At a node
- * the torque may have a spike, and the accelerations differ by `off` from differences of the speeds.
+ * Estimate of the largest error of a motor torque, relative to its largest one. Between Gauss points a residual ripples
+ * with the intervals; a rotor behind a gear follows it, with a torque J (2 pi / h)^2 / K times as large. A sixth
+ * difference over quarters of an interval is 8 to 64 times such a ripple. At a node the torque may have a spike: the
+ * accelerations differ by `off` from differences of the speeds.
  */
 static inline real torque_error(const results *r, const real *off)
 {
@@ -891,9 +890,9 @@ static inline real torque_error(const results *r, const real *off)
 #endif
 /*
  * Kinematic mismatch: the largest difference between finite differences of positions and velocities and the velocities
- * and accelerations, relative to the largest of these. It is large where they are too far apart, or too close for the
- * number of digits, where the path jumps, and where a singular pose throws the arm back. A model without unactuated
- * coordinates is at rest before and after the samples and is checked at all of them.
+ * and accelerations, relative to the largest of these. It is large where they are too far apart or too close, where the
+ * path jumps, and where a singular pose throws the arm back. A model without unactuated coordinates is at rest before
+ * and after the samples and is checked at all of them.
  */
 static inline real kinematic_mismatch(const results *r, real *of_torques)
 {

@@ -29,7 +29,8 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 
 EVALUATIONS = 5_000_000  # a few minutes of the explicit method; a long motion may take LONG each second
 LONG = 3e5
-RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
+RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff,
+EACH = 60.0  # and above so many for each instant, where the torque has another piece: one step takes twelve
 BLOCK = 5_000  # evaluations over which the rate is measured
 RTOL_STIFF, ATOL_STIFF = 1e-10, 1e-11  # below them the implicit method solves for rounding
 EVALUATIONS_STIFF = 400_000  # about a minute of the implicit method
@@ -130,7 +131,7 @@ def integrate(
         else CompiledDop853(loop.compiled, loop.given, t, start, rtol, atol, loop.feedback)
     )
     before, method, k, reported = 0, EXPLICIT, 1, time.perf_counter()
-    mark = (float(t[0]), 0)
+    mark, fast = (float(t[0]), 0), max(RATE, EACH * (len(t) - 1) / float(t[-1] - t[0]))
     while k < len(t):
         check_time(f"simulation at t = {solver.t:.6g} of {t[-1]:.6g} s")
         k = solver.advance(out, k, BLOCK)
@@ -141,7 +142,7 @@ def integrate(
             )
         evaluations = before + solver.nfev
         if method == EXPLICIT and k < len(t):
-            if solver.nfev - mark[1] > RATE * (solver.t - mark[0]):
+            if solver.nfev - mark[1] > fast * (solver.t - mark[0]):
                 before, method, mark = evaluations, IMPLICIT, (solver.t, 0)
                 tight = {"rtol": max(rtol, RTOL_STIFF), "atol": np.maximum(atol, ATOL_STIFF)}
                 solver = _Scipy(LSODA(loop.rate, solver.t, solver.y.copy(), t[-1], jac=loop.jacobian, **tight), t)

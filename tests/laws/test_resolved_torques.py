@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from clib_planted import plant_in_c
 from scipy.interpolate import make_interp_spline
 from selection import ROOT
 
@@ -17,6 +18,9 @@ import flexgen
 from flexgen.codegen import routines
 from flexgen.inversion import solve
 from flexgen.inversion.methods import lq
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import samples
+from flexgen.mechanics.signatures import INVERSION
 from flexgen.paths.path import Path, find_move
 
 LENGTH, N = 8.0, 2**16  # s, samples: the motion rests long before the path and long after it
@@ -120,3 +124,25 @@ def test_a_last_element_without_inertia_is_a_motion_without_inertia(tmp_path):
     equations = flexgen.derive(flexgen.read(tmp_path / "abb_end.toml"))
     assert routines.is_massless(equations, ())
     assert not routines.is_massless(flexgen.derive("planar5_nmp"), ())
+
+
+def torques_by_samples(period: float, folder: Path) -> tuple[np.ndarray, flexgen.Inversion]:
+    """Torques of planar5_nmp at each millisecond, on intervals of ten samples or 2 ms, and the inversion."""
+    equations, each = flexgen.derive("planar5_nmp"), max(1, round(1e-3 / period))
+    written = flexgen.generate(equations, folder / str(each), functions=INVERSION, progress=False)
+    library = flexgen.load(written.directory)
+    path = flexgen.plan(equations)
+    given = samples(Reduction(equations), path, period, round(path.duration / period) + 1)
+    around = {"n_pre": 100 * each, "n_post": 100 * each, "q_start": path.q_start}
+    found = library.invert(*given, period=period, samples_per_interval=10 if each > 1 else 2, **around)
+    return found.tau_m[::each], found
+
+
+def test_a_dense_sampling_leaves_no_noise_in_the_torques(tmp_path, monkeypatch):
+    """The difference of two positions has too few digits for accelerations. Planted: these as for longer periods."""
+    expected, _ = torques_by_samples(1e-3, tmp_path)
+    torque, found = torques_by_samples(1e-3 / 32, tmp_path)
+    assert found.torque_error < 1e-6 and np.abs(torque - expected).max() < 1e-6 * np.abs(expected).max()
+    plant_in_c(monkeypatch, "path.h", "T < PRECISE(4e-4, 1e9)", "T < PRECISE(0.0, 1e9)")
+    torque, found = torques_by_samples(1e-3 / 32, tmp_path / "planted")
+    assert found.torque_error > 1e-5 and np.abs(torque - expected).max() > 1e-5 * np.abs(expected).max()

@@ -25,10 +25,17 @@ static inline void quintic(real x, const real left[3], const real right[3], real
     out[2] = left[2] + x * (6.0 * a3 + x * (12.0 * a4 + x * 20.0 * a5));
 }
 
-/* A coordinate of the path between two samples of value, rate times period and second derivative times its square. */
-static inline void between_positions(real x, const real left[3], const real right[3], real out[3])
+/*
+ * A coordinate between two samples of value, rate times T and second derivative times T^2; both change. For a short
+ * period T the rates give the difference of values, which have too few digits for accelerations.
+ */
+static inline void between_positions(real x, real T, real left[3], real right[3], real out[3])
 {
+    const real first = left[0], d = right[0] - first;
+    left[0] = 0.0;
+    right[0] = T < PRECISE(4e-4, 1e9) ? 0.5 * (left[1] + right[1]) + (left[2] - right[2]) / 12.0 : d;
     quintic(x, left, right, out);
+    out[0] = first + (out[0] + x * (d - right[0]));
 }
 
 /* y, dy and ddy at sample k; the path is constant before the first and after the last sample. */
@@ -46,7 +53,7 @@ static inline void reference_sample(const elbow_samples *p, ptrdiff_t k, real *o
     }
 }
 
-/* y, dy and ddy at sample k + x, 0 <= x <= 1; the path is constant before the first and after the last sample. */
+/* The same at sample k + x, 0 <= x <= 1. */
 static inline void reference_at(const elbow_samples *p, int k, real x, real *out)
 {
     const real T = p->period;
@@ -59,10 +66,10 @@ static inline void reference_at(const elbow_samples *p, int k, real x, real *out
         const real *a0 = p->ddy + at * NY, *a1 = a0 + NY;
         const int positions = ELBOW_POSE ? 3 : NY;
         for (int i = 0; i < positions; ++i) {
-            const real left[3] = {y0[i], T * v0[i], T * T * a0[i]};
-            const real right[3] = {y1[i], T * v1[i], T * T * a1[i]};
+            real left[3] = {y0[i], T * v0[i], T * T * a0[i]};
+            real right[3] = {y1[i], T * v1[i], T * T * a1[i]};
             real q[3];
-            between_positions(x, left, right, q);
+            between_positions(x, T, left, right, q);
             out[i] = q[0];
             out[NT + i] = q[1] / T;
             out[NT + NY + i] = q[2] / (T * T);

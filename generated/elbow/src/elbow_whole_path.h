@@ -270,7 +270,7 @@ static inline int path_sizes_fit(int n, const elbow_inversion_options *o)
            o->growth >= 0 && o->growth <= ELBOW_GROWS;
 }
 
-/* Whether an array of so many numbers can be addressed; on small processors not all sizes can. */
+/* Whether so many numbers can be addressed: on small processors not all sizes can. */
 static inline int is_addressable(int64_t numbers)
 {
     return numbers <= (int64_t)(PTRDIFF_MAX / (ptrdiff_t)sizeof(real));
@@ -317,7 +317,7 @@ typedef struct {
 
 static const real shortest_end = 0.05; /* s: motion after the path, at least */
 
-/* Time after the path before which no motion ends: in it the deflections of damped gears decay [s]. */
+/* No motion ends before this time after the path: deflections of damped gears decay in it [s]. */
 static inline real shortest_motion_after(real *space)
 {
     return fmax_1(shortest_end, gear_settling(space));
@@ -467,8 +467,7 @@ static inline int arm_at_samples(
     return ELBOW_OK;
 }
 
-/* Of each column of samples: its largest size, and the largest difference to the finite differences of another array.
- */
+/* Of each column of samples: its largest size and its largest difference to finite differences of another array. */
 typedef struct {
     real most[NA], off[NA]; /* off: times 60 periods */
 } column_maxima;
@@ -510,9 +509,9 @@ ELBOW_INLINE void add_column_maxima(
 
 /*
  * Kinematic mismatch: the largest difference between finite differences of positions and velocities and the velocities
- * and accelerations, relative to the largest of these. It is large where they are too far apart, or too close for the
- * number of digits, where the path jumps, and where a singular pose throws the arm back. A model without unactuated
- * coordinates is at rest before and after the samples and is checked at all of them.
+ * and accelerations, relative to the largest of these. It is large where they are too far apart or too close, where the
+ * path jumps, and where a singular pose throws the arm back. A model without unactuated coordinates is at rest before
+ * and after the samples and is checked at all of them.
  */
 static inline real kinematic_mismatch(const results *r, real *of_torques)
 {
