@@ -23,11 +23,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from flexgen.analysis.linear import linearize, poles
+from flexgen.analysis.mechanisms import mechanisms
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.exports.exported import Exported, exported, left_out
 from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refusal, with_friction
-from flexgen.exports.mujoco_forces import add_actuators, add_constraints, add_tendons, mechanisms
+from flexgen.exports.mujoco_forces import add_actuators, add_constraints, add_tendons
 from flexgen.exports.mujoco_inertia import principal, regroup
 from flexgen.exports.poses import chain, frame_about, pose_attributes
 from flexgen.exports.xml_text import add, document, numbers
@@ -85,7 +86,8 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
     ModelError
         MuJoCo cannot express a part of the robot exactly: a beam, the dead band of a backlash, friction (see there), a
         drag on a body that turns about several directions, complete coupling of a motor with a rigid gear on such a
-        body, inertias that no real body has, inertias so small that MuJoCo's least ones count.
+        body, a rotor behind rigid gears that turns with joints on several branches, an axis without inertia that only a
+        mechanism over several branches holds, inertias that no real body has, or so small that MuJoCo's least count.
     ArgumentError
         There is no such model or friction, or the file cannot be written.
 

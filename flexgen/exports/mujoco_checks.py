@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from flexgen.analysis.mechanisms import on_one_chain
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports.mujoco_inertia import PARALLEL
 from flexgen.model.elements import BacklashSpring, Friction, Motor, RobotModel
@@ -93,13 +94,18 @@ def drives(model: RobotModel) -> tuple[Drive, ...]:
     Raises
     ------
     ModelError
-        A motor with a rigid gear is coupled with the turning of a body about several directions.
+        A motor with a rigid gear turns with a body about several directions, or with joints on several branches.
     """
     names = [model.coordinates[i].name for i in model.i_g]
     out = []
     for j, motor in enumerate(model.motors):
         ratios = {name: float(x) for name, x in zip(names, model.eta[j], strict=True) if x}
-        out.append(Drive(motor, j in model.i_m, ratios, _turning(model, j)))
+        turning = _turning(model, j)
+        joints = {**ratios, **(turning or {})}
+        if j not in model.i_m and motor.inertia and not on_one_chain(model, joints):
+            given = f"a rotor behind rigid gears that turns with joints on several branches ({', '.join(joints)})"
+            raise refusal(model, f"motor.{motor.name}.drives", given, "elastic gears, or joints on one chain")
+        out.append(Drive(motor, j in model.i_m, ratios, turning))
     return tuple(out)
 
 

@@ -10,17 +10,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from flexgen.analysis.mechanisms import held_axes, lengths_of_mechanisms, mechanisms
 from flexgen.exports.mujoco_checks import Drive, common_axis, refusal
 from flexgen.exports.xml_text import add, numbers
 from flexgen.mechanics.lagrangian import gears
-from flexgen.model.elements import (
-    BacklashSpring,
-    CubicSpring,
-    LinearSpring,
-    RobotModel,
-    SmoothSpring,
-    Spring,
-)
+from flexgen.model.elements import BacklashSpring, CubicSpring, LinearSpring, RobotModel, SmoothSpring, Spring
 
 STIFF, CLOSE = 4.0, 0.9999  # time steps in which a constraint is met; part of a force that it takes at once
 FAR = 1e9  # rad or m: a spring whose range begins there acts in one direction only
@@ -36,14 +30,8 @@ def add_tendons(model: RobotModel, drives: Sequence[Drive], tendons: Element) ->
     for drive in drives:
         if not drive.elastic:
             _rigid_drive(tendons, drive)
-    for name, factors in mechanisms(model).items():
-        _tendon(tendons, f"mechanism.{name}", {name: 1.0} | {other: -x for other, x in factors.items()}, [0.0])
+    _mechanisms(model, tendons)
     _drags(model, tendons)
-
-
-def mechanisms(model: RobotModel) -> dict[str, dict[str, float]]:
-    """Axes that a mechanism moves: the factors of the coordinates that they follow."""
-    return {dof.name: dict(dof.mimic) for element in model.elements for dof in element.dofs if dof.mimic}
 
 
 def add_constraints(model: RobotModel, step: float, equalities: Element) -> None:
@@ -108,6 +96,17 @@ def _rigid_drive(tendons: Element, drive: Drive) -> None:
             made.set("frictionloss", numbers(motor.friction.coulomb))
         speed = {key: ratios.get(key, 0.0) + turning.get(key, 0.0) for key in {**ratios, **turning}}
         _tendon(tendons, f"rotor.{motor.name}", speed, [0.0]).set("armature", numbers(motor.inertia))
+
+
+def _mechanisms(model: RobotModel, tendons: Element) -> None:
+    """Tendons that keep their length; without armature MuJoCo divides by zero where two axes turn a body alike."""
+    armatures, loose = held_axes(model)
+    if loose:
+        raise refusal(
+            model, loose, "an axis that moves without inertia where no mechanism holds it", "one with inertia"
+        )
+    for name, ends in lengths_of_mechanisms(model).items():
+        _tendon(tendons, f"mechanism.{name}", ends, [0.0]).set("armature", numbers(armatures[name]))
 
 
 def _drags(model: RobotModel, tendons: Element) -> None:

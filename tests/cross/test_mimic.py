@@ -16,7 +16,9 @@ from mujoco_referee import MujocoReferee
 from random_trees import trees
 
 import flexgen
+from flexgen.analysis.mechanisms import mechanisms as mechanisms_of
 from flexgen.errors import ModelError
+from flexgen.exports import mujoco_forces
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.inertia import mass_matrix
@@ -246,7 +248,7 @@ def deviation(model: RobotModel, solution: flexgen.Solution, file: Path, step: f
     names = [robot.joint(k).name for k in range(robot.njnt)]
     start = dict(zip([c.name for c in model.coordinates], path["q_a"][0], strict=True))
     start |= {f"rotor.{m.name}": x for m, x in zip(model.motors, path["q_m"][0], strict=True)}
-    start["q3"] = -start["q1"] - start["q2"]
+    start |= {key: sum(x * start[name] for name, x in own.items()) for key, own in mechanisms_of(model).items()}
     state.qpos[:] = [start[name] for name in names]
     times = path.time[0] + step * np.arange(int((path.time[-1] - path.time[0]) / step))
     found = []
@@ -269,6 +271,48 @@ def test_mujoco_keeps_the_mechanism(tmp_path):
     assert text.count('<joint joint="q2" coef="1"') == 1
     file.write_text(text.replace('<joint joint="q2" coef="1"', '<joint joint="q2" coef="1.05"'))
     assert deviation(model, solution, file) > 1e-3
+
+
+def palletizer(turns: str) -> str:
+    """The torso with the arm's direction relative to the world: a mechanism turns it back by ``turns``, next to q4."""
+    moved = '\n[[element.dof]]\nname = "q3"\ntype = "rotation"\naxis = [0, 0, 1]\nmimic = '
+    chest = TORSO.index('[[element]]\nname = "chest"'), TORSO.index('[[element]]\nname = "arm"')
+    text = TORSO[: chest[0]] + TORSO[chest[1] :]
+    drive = text.rindex(GEAR) + len(GEAR)
+    return text[:drive] + moved + turns + text[drive:]
+
+
+def test_mujoco_moves_two_axes_that_turn_one_body_about_one_direction(tmp_path, monkeypatch):
+    """As in a palletizer. Planted: tendons without their armature, with which MuJoCo divides by zero."""
+    (tmp_path / "torso.toml").write_text(palletizer("{ q1 = -1.0, q2 = -1.0 }"))
+    model = read(tmp_path / "torso.toml")
+    solution, file = flexgen.solve(model, "joints", verify=False), tmp_path / "torso.xml"
+    flexgen.export_mujoco(model, file)
+    assert deviation(model, solution, file) < 1e-7
+    monkeypatch.setattr(mujoco_forces, "held_axes", lambda _: ({"q3": 0.0}, ""))
+    flexgen.export_mujoco(model, file)
+    assert not deviation(model, solution, file) < 1e-3
+
+
+def test_an_axis_that_only_a_mechanism_of_another_branch_holds_is_refused_for_mujoco(tmp_path):
+    """Its inertia would have to be that of a tendon over two branches, which MuJoCo ignores."""
+    side = """
+[[element]]
+name = "side"
+parent = "leg1"
+body = { mass = 1, com = [0.1, 0, 0], inertia = [0.1, 0.1, 0.1] }
+[[element.dof]]
+name = "q5"
+type = "rotation"
+axis = [0, 0, 1]
+spring = { type = "linear", stiffness = 1e4 }
+"""
+    text = palletizer("{ q5 = -1.0 }").replace(
+        '[[element]]\nname = "leg2"', side + '[[element]]\nname = "leg2"\nparent = "leg1"'
+    )
+    (tmp_path / "torso.toml").write_text(text)
+    with pytest.raises(ModelError, match=r"element\.arm\.dof\.q3\.mimic: given an axis that moves without inertia"):
+        flexgen.export_mujoco(read(tmp_path / "torso.toml"), tmp_path / "torso.xml")
 
 
 @pytest.mark.parametrize("others", ["{ q1 = -1.0, q2 = -1.0 }", "{ q2 = -0.8 }"])

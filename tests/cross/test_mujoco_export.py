@@ -22,6 +22,7 @@ from shipped_models import all_variants
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.exports import mujoco_checks
 from flexgen.exports.mujoco import _Writer, mjcf
 from flexgen.exports.mujoco_checks import with_friction
 from flexgen.exports.mujoco_inertia import regroup
@@ -188,6 +189,24 @@ def wrist(coupling: str, rigid: bool) -> RobotModel:
 def test_coupled_drives_rotors_that_ride_along_and_drags(coupling, rigid):
     model = wrist(coupling, rigid)
     assert difference(model, Machine(model)) < ACCELERATION
+
+
+@pytest.mark.parametrize("joints", [["r1", "r2"], ["r1", "l1"]])
+def test_a_rotor_behind_rigid_gears_of_two_branches_is_refused(joints, monkeypatch):
+    """MuJoCo ignores what the armature of a tendon couples across branches: without the refusal motions differ."""
+    two = {"motor.m_r1.drives": joints, f"motor.m_{joints[1]}.drives": joints}
+    two |= {"motor.m_r1.ratio": [100, 40], f"motor.m_{joints[1]}.ratio": [-30, 100]}
+    places = {"r1": "right1", "r2": "right2", "l1": "left1"}
+    model = flexgen.read(
+        "two_arm", overrides=two | {f"element.{places[q]}.dof.{q}.gear": {"type": "rigid"} for q in joints}
+    )
+    if joints == ["r1", "r2"]:
+        assert difference(model, Machine(model)) < ACCELERATION
+        return
+    with pytest.raises(ModelError, match=r"motor\.m_r1\.drives: .*several branches \(r1, l1\)"):
+        mjcf(model)
+    monkeypatch.setattr(mujoco_checks, "on_one_chain", lambda *_: True)
+    assert difference(model, Machine(model)) > 1e-3
 
 
 def test_drag_of_the_payload_and_what_is_left_out(tmp_path):
