@@ -125,7 +125,6 @@ class _Writer:
         self.equations = Equations(model)
         self.drives = drives(model)
         self.size = reach(self.equations)
-        self.order: list[str] = []  # joints as they stand in the file
         self.small = 0  # bodies with the least mass or inertia
 
     def text(self) -> str:
@@ -208,7 +207,6 @@ class _Writer:
         if dof.lower is not None and dof.upper is not None:
             joint.set("limited", "false")
             joint.set("range", numbers([dof.lower, dof.upper]))
-        self.order.append(dof.name)
 
     def _inertial(self, body: Element, mass: float, center: np.ndarray, tensor: np.ndarray, *, moving: bool) -> None:
         """Mass and inertia; a moving body has at least `LEAST` of both."""
@@ -240,7 +238,6 @@ class _Writer:
         self.small += 1
         moments = motor.inertia * np.array([0.5, 0.5, 1.0])
         add(body, "inertial", mass=LEAST, pos=np.zeros(3), diaginertia=moments)
-        self.order.append(name)
 
     def _capsule(self, body: Element, end: Sequence[float] | np.ndarray) -> None:
         """A capsule from the origin of a body to a point, for the eye only: no mass, no contact."""
@@ -263,7 +260,8 @@ class _Writer:
         values |= {name: sum(x * values[k] for k, x in own.items()) for name, own in mechanisms(self.model).items()}
         values |= {f"rotor.{m.name}": float(x) for m, x in zip(self.model.motors, rest.q_m, strict=True)}
         frame = add(root, "keyframe")
-        add(frame, "key", name="home", qpos=[values[name] for name in self.order], ctrl=rest.tau_m)
+        names = [joint.attrib["name"] for joint in root.iter("joint") if "name" in joint.attrib]  # those of bodies
+        add(frame, "key", name="home", qpos=[values[name] for name in names], ctrl=rest.tau_m)
 
     def _check_share(self) -> None:
         """Refuse a robot so light that the least inertia of MuJoCo counts."""
