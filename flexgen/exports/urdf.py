@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -75,9 +75,9 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> Exported:
     freedom of elements with a motor joint are rigid in it; those of other elements are joints. The overlay, with the
     ending ``.toml``, adds gears, motors, springs, moves, sensors, temperature, servo and uncertainty: `flexgen.read` of
     the overlay gives the same equations. An axis that a mechanism moves by one joint has `<mimic>`; one that follows
-    several joints is free in the URDF file. Joints of the URDF file have the names of the coordinates, links those of
-    the elements. The files that the robot was read from are never replaced, nor is an overlay that flexgen did not
-    write.
+    several joints, or an elastic one that is rigid, is free in the URDF file. Joints of the URDF file have the names of
+    the coordinates, links those of the elements. The files that the robot was read from are never replaced, nor is an
+    overlay that flexgen did not write.
 
     Parameters
     ----------
@@ -209,11 +209,11 @@ def _groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tuple[D
     """Degrees of freedom in groups with one joint of the URDF file each: (before, joint, after)."""
     if not element.dofs:
         return [((), None, ())]
-    actuated = [k for k, dof in enumerate(element.dofs) if dof.actuated] or [0]
+    moved = [k for k, dof in enumerate(element.dofs) if dof.actuated or dof.mimic] or [0]
     out: list[tuple[tuple[Dof, ...], Dof | None, tuple[Dof, ...]]] = []
-    for n, k in enumerate(actuated):
+    for n, k in enumerate(moved):
         start = 0 if n == 0 else k
-        end = actuated[n + 1] if n + 1 < len(actuated) else len(element.dofs)
+        end = moved[n + 1] if n + 1 < len(moved) else len(element.dofs)
         out.append((element.dofs[start:k], element.dofs[k], element.dofs[k + 1 : end]))
     return out
 
@@ -235,9 +235,9 @@ def urdf_text(model: RobotModel, steps: list[Step]) -> str:
     root.append(ElementTree.Comment(f" rigid part of {model.title}, written by flexgen {__version__} "))
     ground = _ground(steps)
     add(root, "link", name=ground)
-    efforts = _efforts(model)
+    efforts, joints = _efforts(model), {step.dof.name for step in steps if step.dof}
     for step in steps:
-        _joint(root, step, step.parent or ground, efforts)
+        _joint(root, step, step.parent or ground, efforts, joints)
         link = add(root, "link", name=step.link)
         if step.body.mass > 0.0:
             inertial = add(link, "inertial")
@@ -248,7 +248,9 @@ def urdf_text(model: RobotModel, steps: list[Step]) -> str:
     return '<?xml version="1.0"?>\n' + document(root)
 
 
-def _joint(root: ElementTree.Element, step: Step, parent: str, efforts: Mapping[str, float]) -> None:
+def _joint(
+    root: ElementTree.Element, step: Step, parent: str, efforts: Mapping[str, float], joints: Collection[str]
+) -> None:
     dof = step.dof
     turns = dof is not None and dof.type == "rotation"
     ends = None if dof is None or dof.lower is None or dof.upper is None else (dof.lower, dof.upper)
@@ -265,9 +267,8 @@ def _joint(root: ElementTree.Element, step: Step, parent: str, efforts: Mapping[
         lower, upper = ends or (-UNLIMITED, UNLIMITED)
         limit.set("lower", repr(lower))
         limit.set("upper", repr(upper))
-    if len(dof.mimic) == 1:  # <mimic> has one joint: sums of several are in the overlay only
-        ((other, factor),) = dof.mimic
-        add(joint, "mimic", joint=other, multiplier=factor)
+    if len(dof.mimic) == 1 and dof.mimic[0][0] in joints:  # sums of several, and elastic ones, are in the overlay only
+        add(joint, "mimic", joint=dof.mimic[0][0], multiplier=dof.mimic[0][1])
     if dof.friction.viscous or dof.friction.coulomb:
         add(joint, "dynamics", damping=dof.friction.viscous, friction=dof.friction.coulomb)
 

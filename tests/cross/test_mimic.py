@@ -335,3 +335,27 @@ def test_an_exported_urdf_file_has_the_mechanism(tmp_path, others):
     overlay = written.details["overlay"]
     overlay.write_text(overlay.read_text().replace("q2 = -0.8", "q2 = -0.9").replace("q2 = -1 ", "q2 = -1.1 "))
     assert differs(read(overlay)) > 1.0
+
+
+def test_axes_of_mechanisms_in_elements_with_a_motor_move_in_the_urdf_file(tmp_path):
+    """Pinocchio has the tool of flexgen; an axis that follows an elastic one, rigid in the file, has no <mimic>."""
+    pinocchio = pytest.importorskip("pinocchio")
+    bend = f'{GEAR}\n[[element.dof]]\nname = "e1"\ntype = "rotation"\naxis = [0, 1, 0]\n'
+    bend += 'spring = { type = "linear", stiffness = 1e5 }'
+    for turns, text in (
+        ("{ q2 = -0.8 }", palletizer("{ q2 = -0.8 }")),
+        ("{ e1 = -1.0 }", palletizer("{ e1 = -1.0 }").replace(GEAR, bend, 1)),
+    ):
+        (tmp_path / "torso.toml").write_text(text)
+        model, file = read(tmp_path / "torso.toml"), tmp_path / "out.urdf"
+        flexgen.export_urdf(model, file)
+        assert ("<mimic" in file.read_text()) == ("q2" in turns)
+        robot = pinocchio.buildModelFromUrdf(str(file))
+        data, q = robot.createData(), np.array([0.4, 0.5, 0.2])
+        angles = dict(zip(("q1", "q2", "q4"), q, strict=True)) | {"q3": -0.8 * q[1] if "q2" in turns else 0.0}
+        turned = [f(angles[name]) for name in list(robot.names)[1:] for f in (np.cos, np.sin)]
+        pinocchio.framesForwardKinematics(robot, data, np.array(turned))
+        full = np.zeros(model.n_a)
+        full[list(model.i_g)] = q
+        R = np.array(derive(model).function("forward_kinematics")(full)[1])
+        np.testing.assert_allclose(data.oMf[robot.nframes - 1].rotation, R, atol=1e-12)
