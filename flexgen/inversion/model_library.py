@@ -57,15 +57,16 @@ def inversion_library(
     BuildError
         There is no compiler, or it fails.
     """
+    from flexgen.codegen.c_functions import inversion_reason
     from flexgen.library.model_library import library_with
     from flexgen.memory.hysteresis import without_hysteresis
     from flexgen.memory.lugre import without_lugre
 
     model = equations.model if memory else without_lugre(without_hysteresis(equations.model))
-    reason = model.inversion_obstacle()
-    if reason is not None:
-        raise ArgumentError(f"method {method}: {reason}; use --method full")
-    check_time(f"method {method}")
     offered = offered_functions(model)
     functions = tuple(name for name in INVERTING if name in offered)
+    if (reason := inversion_reason(model, functions)) is not None:
+        advice = "remove one of them" if model.inversion_obstacle() is None else "use --method full"
+        raise ArgumentError(f"method {method}: {reason}; {advice}")
+    check_time(f"method {method}")
     return library_with(model, functions, solvers or (SOLVERS[method],), native=native, progress=progress)

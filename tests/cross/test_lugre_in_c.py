@@ -162,3 +162,11 @@ def test_limits_and_fourier_sums_are_refused() -> None:
     assert told == "motor m1 has lugre and motor m1 has cogging, of which C has one or the other"
     with pytest.raises(ArgumentError, match="given a library without invert"):
         library_of(model).invert(*path_of(model, 1e-3)[1], period=1e-3, q_start=[0.5, -0.3])
+    limits = flexgen.Limits(torque=(40.0, 40.0))
+    for call in (
+        lambda: flexgen.solve(model, limits=limits, progress=False),
+        lambda: flexgen.fastest(model, limits=limits, progress=False),
+        lambda: flexgen.export_fmu(model, "never.fmu", block="feedforward"),
+    ):
+        with pytest.raises(ArgumentError, match=told):  # not a library without a function, nor a failing compiler
+            call()

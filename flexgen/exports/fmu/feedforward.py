@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexgen.codegen.amalgamation import merge_files
+from flexgen.codegen.c_functions import inversion_reason
 from flexgen.codegen.emit import emit, function_texts
 from flexgen.codegen.interface import INTERVALS_MAX, POSITION, STATUSES
 from flexgen.codegen.motor_constants import position_obstacle
@@ -44,8 +45,7 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
     look_ahead : float or None
         Length of the horizon [s]; None: that of the generated library.
     """
-    obstacle = model.inversion_obstacle()
-    if obstacle is not None:
+    if (obstacle := inversion_reason(model, offered_functions(model))) is not None:
         raise ArgumentError(
             f"block 'feedforward': {obstacle}; the blocks plant and controller need no inverse dynamics"
         )
