@@ -27,6 +27,7 @@ from flexgen.loop.model_law import ModelLaw
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.signatures import FLEXIBLE_JOINT
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_harmonics
 from flexgen.numerics.evaluate import evaluate
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
@@ -148,6 +149,7 @@ class ComputedTorque(ModelLaw):
         reason = _rigid_obstacle(model)
         if reason is not None:
             raise ArgumentError(f"controller ComputedTorque: {reason}")
+        refuse_harmonics(model, "controller ComputedTorque")
         w = 2 * np.pi * self.frequency_hz
         gains = np.array([w * w, 2 * w, 0.0, 0.0])
         if not self.allow_unstable:

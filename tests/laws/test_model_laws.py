@@ -298,6 +298,13 @@ def test_models_that_do_not_fit_are_refused(model, law, words):
         flexgen.control(model, controller=law, solution=_solution(model), progress=False)
 
 
+def test_computed_torque_refuses_friction_of_the_load():
+    law = {"type": "gear", "beta": 1.0, "load_coulomb": 0.1, "load_smoothing": 0.1}
+    model = flexgen.read("elbow", overrides={"motor.m1.friction": law})
+    with pytest.raises(ArgumentError, match="controller ComputedTorque: given elbow, whose motor m1 has a friction"):
+        flexgen.control(model, controller=flexgen.ComputedTorque(), progress=False)
+
+
 def _solution(name):
     return solution_of(flexgen.read(name))
 
