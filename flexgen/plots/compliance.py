@@ -64,5 +64,5 @@ def _draw_response(figure: Any, found: ToolCompliance) -> None:
         ax.set(xscale="log", yscale="log", xlim=(f[0], f[-1]))
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        figure.legend(loc="outside lower center", ncols=3)
     ax.set(xlabel="frequency, Hz", ylabel="µm/N")
-    figure.legend(loc="outside lower center", ncols=3)

@@ -20,7 +20,7 @@ def plot_loops(found: GearFit) -> Figure:
     figure = cv.new_figure(cv.WIDTH, 1.0 + 2.6 * rows, f"{found.robot.title}: {found.sentence()}")
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     units = {c.name: c.unit for c in found.robot.coordinates}
-    every = max(1, len(found.loops) // MOST)
+    every = -(-len(found.loops) // MOST)
     for k, (name, ax) in enumerate(zip(found.joints, axes, strict=False)):
         d, z, measured = found.loops[::every, k].T
         unit = "mrad" if units[name] == "rad" else "mm"

@@ -2,9 +2,10 @@
 
 A net, not a proof: ``make golden`` writes `pictures.txt` again; read the difference before you commit it.
 
-Of `flexgen.plots.along_path`, `flexgen.plots.canvas`, `flexgen.plots.control`, `flexgen.plots.feedback_study`,
-`flexgen.plots.identification`, `flexgen.plots.linear`, `flexgen.plots.signals`, `flexgen.plots.solution`,
-`flexgen.plots.stick_figure`.
+Of `flexgen.plots.along_path`, `flexgen.plots.calibration`, `flexgen.plots.canvas`, `flexgen.plots.compliance`,
+`flexgen.plots.control`, `flexgen.plots.feedback_study`, `flexgen.plots.gears`, `flexgen.plots.identification`,
+`flexgen.plots.linear`, `flexgen.plots.passivity`, `flexgen.plots.servo`, `flexgen.plots.signals`,
+`flexgen.plots.solution`, `flexgen.plots.stick_figure`, `flexgen.plots.uncertainty`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,21 @@ from made_results import Indexed, derived, made_run, made_simulation, made_traje
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.paths.path import Path
-from flexgen.plots import along_path, control, feedback_study, identification, linear, signals, solution
+from flexgen.plots import (
+    along_path,
+    calibration,
+    compliance,
+    control,
+    feedback_study,
+    gears,
+    identification,
+    linear,
+    passivity,
+    servo,
+    signals,
+    solution,
+    uncertainty,
+)
 from flexgen.plots import canvas as cv
 from flexgen.trajectory import Trajectory
 
@@ -292,7 +307,117 @@ def fitted(data: Any, sensors: bool) -> Any:
         return identification.response_grid(data, found) if sensors else identification.residual_plot(found)
 
 
-GROUPS = {"solutions": solutions, "linearized": linearized, "controlled": controlled, "identified": identified}
+def measured() -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Pictures of calibrations, compliances, gears, passive loops, servos and predictions."""
+    names = [f"c{k}.compliance" for k in range(26)]
+    unknowns = [Made(name=n, kind="compliance") for n in names] + [Made(name="length", kind="length")]
+    errors = np.array([4e-4, np.nan, 1e-4, 2e-4, 3e-4])
+    calibrated = Made(
+        unknowns=unknowns,
+        determined={n: k != 3 for k, n in enumerate(names)},
+        values={n: (-1.0) ** k * 1e-6 * (k + 1) for k, n in enumerate(names)},
+        sd={n: 2e-7 * (k + 1) for k, n in enumerate(names)},
+        nominal=Made(title="Arm"),
+        poses=range(5),
+        errors_before=10 * errors,
+        sag=None,
+        errors=errors,
+        errors_held_out=2 * errors,
+        errors_seen=3 * errors,
+    )
+    yield "calibration", functools.partial(calibration.plot_calibration, calibrated)
+    short = Made(**{**vars(calibrated), "determined": dict.fromkeys(names, False)})
+    yield "calibration without compliances", functools.partial(calibration.plot_calibration, short)
+    C, f = (
+        np.diag([1e-6, 4e-10, 0.0, 1.0, 1.0, 1.0]) + 5e-7 * (np.eye(6, k=1) + np.eye(6, k=-1)),
+        np.geomspace(1.0, 90.0, 12),
+    )
+    shaken = Made(
+        matrix=C, frequencies=f, response=lambda f: C / (1 + 0.1j * f[:, None, None] - (f / 20)[:, None, None] ** 2)
+    )
+    for some in (True, False):
+        held = Made(**{**vars(shaken), "frequencies": f if some else f[:0]})
+        held = Made(compliance=held, model=Made(title="Arm"))
+        yield f"compliance, frequencies {some}", functools.partial(compliance.compliance_plot, held)
+    t = np.linspace(0.0, 1.0, 12001)
+    loops = np.stack([np.sin(9 * t), np.cos(9 * t), np.sin(9 * t) ** 3], axis=1)[:, None] * np.arange(1.0, 5.0)[:, None]
+    for n, count in ((1, 12000), (4, 12001)):
+        coordinates = [Made(name=f"q{k}", unit="m" if k == 3 else "rad") for k in range(n)]
+        fitted = Made(
+            joints=[c.name for c in coordinates],
+            robot=Made(title="Arm", coordinates=coordinates),
+            loops=loops[:count],
+            sentence=lambda: "two elements",
+        )
+        yield f"loops of {n} gears", functools.partial(gears.plot_loops, fitted)
+    for name, least, fails in (("passive", 999.5, np.nan), ("active", -10.0, 17.1234)):
+        found = Made(
+            passive=least > 0,
+            fails_hz=fails,
+            model="arm",
+            controller="pd",
+            poses=["home", "far", "near", "low"],
+            hz=f,
+            margins=least + np.outer([0.0, 10.0, 400.0, 5000.0], f),
+        )
+        yield f"{name} loop", functools.partial(passivity.plot_passivity, found)
+    yield "commands", functools.partial(commanded, ("rad", "rad"))
+    yield "commands of lengths", functools.partial(commanded, ("m", "rad"))
+    t = np.linspace(0.0, 1.0, 9)
+    sent = np.outer(t, [1.0, 2.0, 3.0])
+    servo_fit = Made(
+        record=Made(time=t, command=sent, angle=0.9 * sent**2),
+        model="arm",
+        sentence=lambda: "the servo explains 97 %",
+        motors=("m1", "m2", "m3"),
+        gain_sd=np.arange(1.0, 10.0).reshape(3, 3) / 100,
+    )
+    yield "servo", functools.partial(servo.plot_fit, servo_fit)
+    for unit in ("m", "rad"):
+        yield f"prediction of {unit}", functools.partial(uncertainty.plot_prediction, predicted(unit))
+
+
+def commanded(units: tuple[str, ...]) -> Any:
+    """The picture of positions that are sent to a servo."""
+    trajectory = made_trajectory(derived("planar5_nmp"))
+    run, today = made_run("servo"), made_run("today")
+    run.solution.trajectory = trajectory
+    run.nominal, today.nominal = Made(size=0.0), Made(size=3e-3)
+    time = np.linspace(-0.5, 1.4, 20)
+    joint = np.outer(np.sin(time), [1.0, -0.4])
+    found: Any = Made(run=run, today=today, status="solved", units=units, time=time, joint=joint, joints=["q1", "q2"])
+    return servo.plot_commands(found)
+
+
+def predicted(unit: str) -> Any:
+    """Errors of seven robots in metres, or in radians without a limit, with bands of four motors."""
+    t, sizes = np.linspace(0.0, 0.8, 9), np.array([4.0, 1.0, 2.0, 7.0, 3.0, 5.0, 6.0])
+    planned = np.outer(np.cos(t), [1.0, 2.0, 3.0, 4.0])
+    width = np.outer(1 + t, [3e-3, 1e-3, 9e-3, 4e-3])
+    band = Made(low=planned - width, high=planned + 2 * width, planned=planned, names=["a", "b", "c", "d"])
+    coordinates = [Made(unit="rad"), Made(unit=unit)]
+    return Made(
+        solution=Made(model=Made(title="Arm", coordinates=coordinates), move=Made(name="line")),
+        sentence=lambda: "within 1 mm",
+        errors_m=1e-4 * sizes if unit == "m" else None,
+        error_m=6.5e-4,
+        errors_rad=1e-5 * sizes,
+        error_rad=None,
+        robots=7,
+        shares=[Made(name=f"source {k}", share=0.3 / (k + 1)) for k in range(12)],
+        time=t,
+        torque=band,
+        deflection=band,
+    )
+
+
+GROUPS = {
+    "solutions": solutions,
+    "linearized": linearized,
+    "controlled": controlled,
+    "identified": identified,
+    "measured": measured,
+}
 
 
 def lines(name: str) -> list[str]:
@@ -323,6 +448,10 @@ def test_pictures_of_closed_loops_are_what_they_were() -> None:
 
 def test_pictures_of_identifications_are_what_they_were() -> None:
     assert changes(GOLDEN, [name for name, _ in identified()], lines) == []
+
+
+def test_pictures_of_measured_robots_are_what_they_were() -> None:
+    assert changes(GOLDEN, [name for name, _ in measured()], lines) == []
 
 
 def test_the_file_has_all_pictures_and_a_change_is_seen() -> None:

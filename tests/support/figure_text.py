@@ -81,8 +81,10 @@ def of_axes(ax: Axes) -> Iterator[str]:
         ticks = [t for t in axis.get_majorticklocs() if own and min(low, high) <= t <= max(low, high)]
         texts = axis.get_major_formatter().format_ticks(ticks)
         shown = axis.get_tick_params().get("labelleft" if name == "y" else "labelbottom", True)
+        linear = getattr(axis.get_transform(), "linthresh", None)  # of a symmetric logarithm
+        scale = axis.get_scale() + (f" {number(linear)}" if linear is not None else "")
         yield (
-            f"  {name} {axis.get_scale()} {row((low, high))} ticks {row(ticks)} {' '.join(texts)} minor "
+            f"  {name} {scale} {row((low, high))} ticks {row(ticks)} {' '.join(texts)} minor "
             f"{type(axis.get_minor_formatter()).__name__} shown {shown} grid {grid} size {size} inverted "
             f"{axis.get_inverted()}: {axis.get_label_text()!r}"
         )
@@ -95,7 +97,8 @@ def of_axes(ax: Axes) -> Iterator[str]:
         yield f"  patch {row(inverse)} {color} z {patch.get_zorder():g} lw {patch.get_linewidth():g}"
     for group in ax.collections:
         points = np.concatenate([np.zeros((0, 2)), *(path.vertices for path in group.get_paths())])
-        yield f"  area {row(group.get_facecolor())} x {data(points[:, 0])} y {data(points[:, 1])}"
+        look = f"{row(group.get_facecolor())} lw {row(group.get_linewidth())}"
+        yield f"  area {look} x {data(points[:, 0])} y {data(points[:, 1])}"
     for image in ax.images:
         yield f"  image {image.cmap.name} {row(image.get_clim())} {data(np.ravel(image.get_array()))}"
     for text in ax.texts:
