@@ -9,13 +9,16 @@ import sys
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from scipy.spatial.transform import Rotation
 
 import flexgen
-from flexgen.calibration import components, frames
+from flexgen.calibration import components, frames, mistakes
 from flexgen.calibration.model_file import changes_of
 from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
 from flexgen.calibration.statics import Numbers, Statics
@@ -131,6 +134,7 @@ def test_a_robot_that_differs_is_found() -> None:
     assert 1e-4 < np.nanmean(found.errors_held_out) < 3e-4
     assert found.converged
     assert not found.problem
+    check_numbers("calibration", 1e-5, found=found, figures=found.to_dict())
 
 
 @pytest.mark.slow
@@ -156,6 +160,7 @@ def test_gross_errors_change_little() -> None:
         found, other, truth = calibrated(robust, gross=8)
         assert least < np.linalg.norm(found.predict(other) - truth, axis=2).mean() < most
     assert "poses have an error above" in " ".join(calibrated(True, gross=8)[0].warnings)
+    check_numbers("calibration_gross", 1e-5, robust=calibrated(True, gross=8)[0], plain=calibrated(False, gross=8)[0])
 
 
 def test_a_tilt_from_pose_to_pose_is_found() -> None:
@@ -178,6 +183,7 @@ def test_a_tilt_from_pose_to_pose_is_found() -> None:
     alone = np.linalg.norm(rest.measured - seen, axis=2).mean()
     others = components.seen_others(statics, numbers, rest, seen, found).mean()
     assert others < 0.6 * alone
+    check_numbers("tilt", 1e-3, found=found, others=others)
     wrong = replace(found, tilt_rad=found.tilt_rad[[2, 0, 1]])  # planted: another axis
     assert components.seen_others(statics, numbers, rest, seen, wrong).mean() > 1.3 * others
 
@@ -327,6 +333,45 @@ def test_a_mistake_in_the_poses_is_named(words: str) -> None:
     y = Statics(tree, q).rest(Numbers.of(tree, unknowns, x)).measured
     with pytest.raises(ArgumentError, match=f"poses of manutec_r3_18: probably {words}"):
         flexgen.calibrate(arm(), flexgen.StaticPoses(*MISTAKES[words](q, y)), folds=0)
+
+
+def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Far from the origin, with positions that were not seen; the second tracker has more error for its scatter."""
+    rng = np.random.default_rng(0)
+    measured = [5.0, 6.0, 7.0] + rng.normal(size=(9, 2, 3)) * [[1.0], [0.5]]
+    measured[4, 0] = np.nan
+    errors = rng.uniform(0.1, 0.2, (9, 2))
+    errors[4, 0] = np.nan
+    monkeypatch.setattr(mistakes, "rigid_errors", lambda *_: errors)
+    seen = measured[:, 1]
+    scatter = np.median(np.linalg.norm(seen - seen.mean(axis=0), axis=1))
+    unused: Any = None
+    assert mistakes._agreement(unused, measured, unused) == pytest.approx((np.median(errors[:, 1]), scatter))
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [(0.0999, ""), (0.1001, "doubt"), (0.4999, "doubt"), (0.5001, "check units, signs and the order of the columns")],
+)
+@pytest.mark.parametrize("left", [0.9, 1.1])
+def test_a_tenth_is_doubted_a_half_refused_and_a_third_named(
+    error: float, words: str, left: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``left``: what a mistake that is undone leaves, over the third of the error up to which it is named."""
+    parts = [(2 * error, 2.0), (2 * error, 2.0), (left * error / 3 * 4, 4.0)]
+    data = flexgen.StaticPoses(commands(4), np.zeros((4, 2, 3)))
+    statics: Any = SimpleNamespace(model=arm(), with_commands=lambda q: None)
+    monkeypatch.setattr(mistakes, "start_frames", lambda *_: "numbers")
+    monkeypatch.setattr(mistakes, "_agreement", lambda *_: parts.pop(0))
+    monkeypatch.setattr(mistakes, "_mistakes", lambda *_: [("one", data), ("another", data)])
+    if not words or (words == "doubt" and left > 1.0):
+        assert mistakes.find_start(statics, data, ()) == "numbers"
+        assert len(parts) == (2 if not words else 0)
+        return
+    words = "probably another" if left < 1.0 else words
+    text = f"that scatter by 2 m, of which the model leaves {2 * error:.3g} m unexplained, .*{words}"
+    with pytest.raises(ArgumentError, match=text):
+        mistakes.find_start(statics, data, ())
 
 
 def test_poses_of_nothing_are_refused() -> None:

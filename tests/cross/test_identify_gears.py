@@ -12,6 +12,7 @@ import pytest
 from gear_records import motor_record, record_in_mujoco, with_noise
 from harmonic import COGGING, ERROR, law_with_sums
 from hysteretic import ARCMIN, SLIPS, Element, Elements, hysteretic, joint_stiffness, law_of_gears, with_lost_motion
+from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
 import flexgen
@@ -86,6 +87,8 @@ def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
     found = flexgen.identify_gears(model_of("elbow", **rigid), record, hysteresis=False, harmonics=[1], progress=False)
     assert found.values["q1.transmission_error.sin_1"] == pytest.approx(4e-5, rel=1e-2)
     assert not any(name.startswith("q2") for name in found.values)
+    figures = {name: found.values[f"q1.{name}"] for name in ("stiffness", "transmission_error.sin_1")}
+    check_numbers("gear_error", 1e-2, figures=figures, unexplained=found.unexplained, band_hz=found.band_hz)
 
 
 def record_of_elements(elements: Sequence[Element], seconds: float) -> flexgen.Trajectory:

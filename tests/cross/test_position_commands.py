@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from scipy.interpolate import CubicSpline
 from servo_in_mujoco import GAINS, PLAIN, TABLE, InMujoco, OwnServo, robot_of, with_servo
 
@@ -278,6 +279,7 @@ def test_a_robot_carries_its_servo(tmp_path):
     found = flexgen.command_positions(robot, **given)
     assert np.array_equal(found.joint, flexgen.command_positions("planar5_nmp", servo=str(file), **given).joint)
     assert found.tool_error_max_m < 2e-6
+    check_numbers("commands", 1e-5, joint=found.joint, figures=found.to_dict())
     usual = flexgen.command_positions("planar5_nmp", **given)
     assert np.array_equal(flexgen.command_positions(robot, servo="ppi", **given).joint, usual.joint)
     assert found.run.law.position_gain[0] == 30.0 != usual.run.law.position_gain[0]
@@ -331,6 +333,8 @@ def test_identification_begins_with_the_servo_of_the_model(tmp_path):
     )
     found = flexgen.identify_servo(robot, record, progress=False)
     assert found.servo.sample_time == 0.001 and len(found.servo.feedback.filters) == 2
+    gains = [getattr(found.servo.feedback, f"{kind}_gain") for kind in ("position", "speed", "integral")]
+    check_numbers("servo", 1e-4, gains=gains, sd=found.gain_sd, common=found.common_sd, explained=found.explained)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 
 import flexgen
 from flexgen.mechanics.equations import derive
@@ -132,6 +133,7 @@ def test_shares_are_those_of_single_sources():
     found = predicted(ALL)
     assert abs(sum(share.share for share in found.shares) - 1.0) < 1e-12
     assert all(share.share >= 0.0 for share in found.shares)
+    check_numbers("prediction", 1e-5, found=found.to_dict(), torque=found.torque, deflection=found.deflection)
     without = predicted({"parameters": ["q1.stiffness"], "sd": [0.0]} | ALL)
     assert found.shares[0].name == "q1.stiffness" and found.to_halve == ("q1.stiffness",)
     assert without.error_m is not None and found.error_m is not None and without.error_m <= 0.55 * found.error_m

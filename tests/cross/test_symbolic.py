@@ -311,6 +311,16 @@ def test_text_of_the_elbow_is_as_recorded():
     assert text == GOLDEN.read_text(encoding="utf-8")
 
 
+def test_rows_of_the_equations_have_the_numbers_of_their_matrix():
+    """Of the coupling of rotors and arm, which the elbow does not have: three motors of two coordinates."""
+    found = closed("elbow")
+    S = sp.Matrix(2, 3, lambda i, j: sp.Symbol(f"s{i + 1}{j + 1}"))
+    lines = replace(found, S=S, q_m=(*found.q_m, found.q_m[0])).text().splitlines()
+    assert [line.split() for line in lines if line.strip().startswith("S[")] == [
+        [f"S[{i},{j}]", "=", f"s{i}{j}"] for i in (1, 2) for j in (1, 2, 3)
+    ]
+
+
 def check_latex(text: str) -> None:
     """Braces, dollars and environments are balanced; nothing but letters of the Latin script."""
     bare = re.sub(r"\\[\\{}$]", "", text)

@@ -5,7 +5,8 @@ A net, not a proof: ``make golden`` writes `pages.txt` again; read the differenc
 Of `flexgen.reports.analysis_page`, `flexgen.reports.control_page`, `flexgen.reports.folder`, `flexgen.reports.html`,
 `flexgen.reports.identification_page`, `flexgen.reports.motion`, `flexgen.reports.pictures`,
 `flexgen.reports.result_page`, `flexgen.reports.sentence`, `flexgen.reports.video`, `flexgen.reports.view`,
-`flexgen.reports.texts`, `flexgen.inversion.solution`, `flexgen.inversion.comparison`, `flexgen.plots.stick_figure`.
+`flexgen.reports.texts`, `flexgen.inversion.solution`, `flexgen.inversion.comparison`, `flexgen.plots.stick_figure`,
+`flexgen.plausibility.numbers`, `flexgen.plausibility.moves`, `flexgen.plausibility.check`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from matplotlib.figure import Figure
 import flexgen
 from flexgen import display
 from flexgen.accuracy.figures import PathAccuracy
+from flexgen.errors import BuildError
 from flexgen.identification.result import FitStatus
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
@@ -159,6 +161,8 @@ def printed() -> Iterator[tuple[str, Callable[[], Any]]]:
     for name in ("planar5_nmp", "elbow", "four_mass"):
         yield f"{name} analyzed", lambda name=name: printed_analysis(name)
         yield f"{name} analyzed, tables", lambda name=name: analysis_page.tables(analyzed(name))
+    for name in ("planar5_nmp@soft", "kr300_efjm", "urdf_arm", "beam_arm"):
+        yield f"{name} checked", lambda name=name: (f"{x.mark} {x}" for x in flexgen.check(name).findings)
 
 
 def narrow(data: Any, width: int) -> str:
@@ -407,6 +411,27 @@ def test_a_video_has_a_frame_for_each_instant(tmp_path: File, monkeypatch: pytes
     path = video.write_video(moved("planar5_nmp"), "title", tmp_path / "a.gif")
     with Image.open(path) as image:
         assert (image.n_frames, image.size, image.info["duration"], image.info["loop"]) == (3, (72, 54), 50, 0)
+
+
+@pytest.mark.parametrize(("status", "written"), [(0, True), (1, True), (0, False), (1, False)])
+def test_a_video_of_ffmpeg_is_kept_where_it_ends_well(
+    status: int, written: bool, tmp_path: File, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def feed(command: list[str], pictures: Any) -> tuple[int, str]:
+        if written:
+            File(command[-1]).write_bytes(b"frames")
+        return status, "no such codec"
+
+    monkeypatch.setattr(video, "_feed", feed)
+    path = tmp_path / "made" / "a.mp4"
+    if status == 0 and written:
+        video._write_mp4(iter(()), path)
+        assert path.read_bytes() == b"frames"
+    else:
+        with pytest.raises(BuildError, match=f"ffmpeg ended with status {status}: no such codec; try a name that ends"):
+            video._write_mp4(iter(()), path)
+        assert not path.exists()
+    assert [x.name for x in path.parent.iterdir()] == ["a.mp4"] * path.exists()
 
 
 if __name__ == "__main__":

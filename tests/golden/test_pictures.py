@@ -366,7 +366,7 @@ def measured() -> Iterator[tuple[str, Callable[[], Any]]]:
     t = np.linspace(0.0, 1.0, 9)
     sent = np.outer(t, [1.0, 2.0, 3.0])
     servo_fit = Made(
-        record=Made(time=t, command=sent, angle=0.9 * sent**2),
+        record=Made(time=t, command=sent, angle=0.87 * sent**1.7),
         model="arm",
         sentence=lambda: "the servo explains 97 %",
         motors=("m1", "m2", "m3"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 import importlib
 import itertools
@@ -10,6 +11,7 @@ import re
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from emitted import run
 from toolchain import CC, needs_compiler
 
 import flexgen
-from flexgen.benchmarks import scenario_file
+from flexgen.benchmarks import foreign, scenario_file
 from flexgen.benchmarks.bench import Bench, _outputs
 from flexgen.benchmarks.draws import draws_of, secret_seed
 from flexgen.benchmarks.foreign import ForeignController
@@ -322,6 +324,20 @@ def test_objects_and_libraries_run_in_a_process_too(tmp_path, monkeypatch):
     run(CC, "-O1", "-shared", "-fPIC", f"-I{include}", source, "-o", tmp_path / "plug.so", folder=tmp_path)
     same, _, failures = few(str(tmp_path / "plug.so"))
     assert failures == ("", "", "") and np.array_equal(tau, same)
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_an_object_of_a_notebook_needs_cloudpickle(installed, monkeypatch):
+    made = type("Mine", (Cheat,), {"__module__": "__main__", "__init__": object.__init__})()
+    dumps = SimpleNamespace(dumps=lambda given: b"by value" if given is made else b"")
+    monkeypatch.setattr(foreign.importlib.util, "find_spec", lambda name: dumps if installed else None)
+    monkeypatch.setitem(sys.modules, "cloudpickle", dumps)
+    monkeypatch.setattr(foreign, "_main_file", lambda given: "")
+    if installed:
+        assert foreign._pickle(made) == base64.b64encode(b"by value").decode()
+        return
+    with pytest.raises(ArgumentError, match=r"an object of Mine, which no file has.* give 'file\.py:Mine'"):
+        foreign._pickle(made)
 
 
 def test_a_class_that_no_file_has_is_refused_with_what_to_do():

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.laws import passivity
 from flexgen.loop.margins import LoopAtPose
+from flexgen.loop.plants import LocalDynamics
 
 pytestmark = needs_compiler
 T, RATIO, MASS = 1e-3, 50.0, 5.0
@@ -193,6 +195,23 @@ def test_joint_stiffness_and_damping_are_those_of_the_motors() -> None:
     assert pytest.approx(1.5 * inverse.T @ np.diag([2e4, 1e4]) @ inverse, rel=1e-12) == -C * 5e-4
     assert D[:, :2] + C == pytest.approx(1.5 * inverse.T @ np.diag([1e6, 5e5]) @ inverse, rel=1e-9)
     assert D[:, 2:] == pytest.approx(0.5 * inverse.T)
+
+
+def test_a_frequency_is_that_of_each_joint_alone_with_stiff_springs() -> None:
+    """K = w^2 M of each joint, and 2 zeta times the critical damping of the mechanism of the motors."""
+    model = flexgen.read("elbow")
+    law = flexgen.Impedance(frequency_hz=7.0, damping_ratio=0.6)
+    motion = [np.zeros((1, 2)) for _ in range(7)]
+    K, D = (x[0] for x in law._of_motors(model, motion))
+    equations = flexgen.derive(model)
+    M = LocalDynamics(equations).matrices(motion, np.zeros(0))[0][0]
+    with_motors = np.vstack([np.eye(2), model.eta])  # joints that move their motors
+    inertia = with_motors.T @ M @ with_motors
+    assert model.eta.T @ K @ model.eta == pytest.approx((14 * np.pi) ** 2 * np.diag(np.diag(inertia)), rel=1e-9)
+    inverse = np.linalg.inv(model.eta)
+    values, vectors = eigh(K, inverse.T @ inertia @ inverse)
+    modal = vectors.T @ D @ vectors
+    assert np.diag(modal) == pytest.approx(2 * 0.6 * np.sqrt(values), rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -128,6 +128,13 @@ def test_effective_torques_connect_the_motions(given: dict[str, np.ndarray], fou
     assert slower.duration_s < search.duration(simple.x)
 
 
+def test_a_program_takes_its_motions_and_its_pauses() -> None:
+    search = object.__new__(ProgramSearch)
+    search.pauses = [0.25, 0.0, 1.5]
+    laws = [np.array([duration, 7.0, 8.0]) for duration in (0.5, 1.0, 0.75, 2.0)]
+    assert search.duration(laws) == 6.0
+
+
 @pytest.mark.parametrize("planted", ["reserve", "gears"])
 def test_planted_errors_are_found(planted: str, given: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
     """A search that forgets the reserve, or the torques of the gears, exceeds a limit; `solve` notices."""

@@ -3,11 +3,11 @@
     python tests/support/mutants.py --count 200 --seed 1
 
 The quick tests run once in a copy whose functions report which test calls them. The tests of a mutant are those that
-call its function, one case of each test function before the others, those in files that name its module or its room
-first, then the shortest first. Of a line outside functions: those that call functions which use its names, and the
-files that name its module. Of it and of defaults in signatures: those that compare names, helps and defaults with files
-and pages, too. Numbers in texts and arguments that change no result are left out. A mutant survives where all of them
-pass, or where there is none. The source is changed in copies only.
+call its function: all in files that name its module, then one case of each other test function before the others,
+those in files that name its room first, then the shortest first. Of a line outside functions: those that call
+functions which use its names, and the files that name its module. Of it and of defaults in signatures: those that
+compare names, helps and defaults with files and pages, too. Numbers in texts and arguments that change no result are
+left out. A mutant survives where all of them pass, or where there is none. The source is changed in copies only.
 """
 
 from __future__ import annotations
@@ -220,7 +220,8 @@ def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
     far = {path.relative_to(ROOT).as_posix(): (module not in text, room not in text) for path, text in texts.items()}
     called = sorted(calls.tests.get(number, set()), key=lambda test: calls.seconds.get(test, 1.0))
     first = set({test.partition("[")[0]: test for test in reversed(called)}.values())  # the shortest of each function
-    called = sorted(called, key=lambda test: (test not in first, far[test.partition("::")[0]]))[:MOST_TESTS]
+    order = {test: far[test.partition("::")[0]] for test in called}
+    called = sorted(called, key=lambda test: (order[test][0] and test not in first, order[test]))[:MOST_TESTS]
     function = function_of(mutant)
     if function is not None:
         return called + STATED * (mutant.line < function.body[0].lineno)

@@ -9,6 +9,7 @@ import subprocess
 import xml.etree.ElementTree as ET
 import zipfile
 from dataclasses import replace
+from types import SimpleNamespace as Held
 
 import fmus
 import numpy as np
@@ -17,7 +18,7 @@ import pytest
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError, ModelError
-from flexgen.exports.fmu import binaries
+from flexgen.exports.fmu import binaries, feedforward
 from flexgen.exports.fmu import export as export_module
 from flexgen.exports.fmu.controller import _variables
 from flexgen.exports.fmu.description import _variable_3, element
@@ -45,6 +46,35 @@ def test_the_same_input_gives_the_same_bytes(version, tmp_path):
     assert c.details["token"] != a.details["token"]  # another content, another token
     with zipfile.ZipFile(a.path) as archive:
         assert {info.date_time for info in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
+@pytest.mark.parametrize("output", ["pose", "position", "combination"])
+def test_the_path_of_a_feedforward_begins_at_home_with_the_units_of_the_output(output):
+    """Of a pose: the position, and the rotation matrix by columns, which has no unit; its rates are rotations."""
+    if output == "combination":
+        model = flexgen.read("four_mass")
+        units, rates, start = ["m"], ["m"], [0.7 * np.array(model.output.weights).sum()]
+        q_a = np.full(model.n_a, 0.7)
+    else:
+        model = flexgen.read("elbow")
+        axes = ("y", "x") if output == "position" else model.output.axes
+        model = replace(model, output=replace(model.output, type=f"tool_{output}", axes=axes))
+        q_a = np.array([0.3, 0.4])
+        p, R = (np.array(x) for x in flexgen.derive(model).function("forward_kinematics")(q_a))
+        units, rates, start = ["m"] * 2, ["m"] * 2, [p[1, 0], p[0, 0]]
+        if output == "pose":
+            units, rates = ["m"] * 3 + ["1"] * 9, ["m"] * 3 + ["rad"] * 3
+            start = [*p.ravel(), *R[:, 0], *R[:, 1], *R[:, 2]]
+    held = Held(q_a=q_a)
+    found = feedforward._inputs(model, flexgen.derive(model), held, Held(look_ahead=0.25))
+    np.testing.assert_allclose([x.start for x in found], [*start, *np.zeros(2 * len(rates))], atol=1e-12)
+    assert [x.unit for x in found] == [*units, *(f"{x}/s" for x in rates), *(f"{x}/s2" for x in rates)]
+    kinds = [("position", len(units)), ("velocity", len(rates)), ("acceleration", len(rates))]
+    assert [x.name for x in found] == [f"path.{kind}[{k + 1}]" for kind, count in kinds for k in range(count)]
+    assert [x.index for x in found] == list(range(len(found))) and all(x.sampled for x in found)
+    matrix = "rotation matrix by columns of the path, 0.25 s ahead"
+    assert [x.text for x in found[3 : len(units)]] == [matrix] * max(len(units) - 3, 0)
+    assert found[0].text == "position of the path, 0.25 s ahead"
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import struct
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -364,6 +365,66 @@ def test_the_simplex_finds_the_least_of_a_known_score(monkeypatch: pytest.Monkey
     assert_allclose(seen[:3], [[0, 0], [0.25, 0], [0, 0.25]])
     best, least, history, count = tune._search(chosen, made, np.array([-0.5, 1.0]), 1, None)
     assert history[0] == pytest.approx(1 + 1.5**2 + 10 + 1)  # two reasons in two draws
+
+
+@pytest.mark.parametrize(
+    ("given", "route"),
+    [
+        ({}, "here"),
+        ({"workers": 4}, "here"),
+        ({"starts": 3, "workers": 1}, "here"),
+        ({"starts": 3, "workers": 2}, "2 of 3"),
+        ({"starts": 2, "workers": 4}, "2 of 2"),
+        ({"executor": SimpleNamespace(submit=None)}, "1 of 1"),
+    ],
+)
+def test_starts_run_here_unless_there_are_several_workers_or_an_executor(
+    given: dict, route: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found(how: str, jobs: list) -> list:
+        routes.append(how)
+        return [(job.begin, float(job.number), [1.0], 5) for job in jobs]
+
+    def in_parallel(jobs: list, workers: int, executor: object, tell: object) -> list:
+        assert executor is given.get("executor")
+        return found(f"{workers} of {len(jobs)}", jobs)
+
+    routes: list[str] = []
+    result = SimpleNamespace(total=1.0)
+    monkeypatch.setattr(tune._Job, "search", lambda job, tell: found("here", [job])[0])
+    monkeypatch.setattr(tune, "_in_parallel", in_parallel)
+    monkeypatch.setattr(tune, "score", lambda *_, **__: result)
+    monkeypatch.setattr(tune, "replace", lambda made, **changes: made)
+    monkeypatch.setattr(tune, "TuningResult", lambda *parts: parts)
+    assert tune.tune("four_mass", **given)[4] == 5 * given.get("starts", 1)
+    assert set(routes) == {route}
+
+
+@pytest.mark.parametrize(("size", "read"), [(0, True), (2**20 - 1, True), (2**20, False), (-1, False)])
+def test_messages_of_a_process_have_less_than_a_mebibyte(size: int, read: bool) -> None:
+    """The words with which it begins, and reports on robots that failed (which are not empty)."""
+    asked: list[int] = []
+
+    def exchange(sent: bytes, count: int) -> bytes:
+        asked.append(count)
+        return struct.pack("=q", size) if count == 8 else b"" if not sent else struct.pack("=qd", size, 7.5)
+
+    made = object.__new__(ForeignController)
+    vars(made).update(_failure="", _process=SimpleNamespace(poll=lambda: None), _load={}, name="mine")
+    vars(made).update(_exchange=exchange, _describe_end=lambda: "ended", step_s=1.0, total_s=9.0, used_s=0.0)
+    setup = SimpleNamespace(n_a=2, n_y=2, n_ref=2, sample_s=1e-3, q_m=np.zeros((1, 2)))
+    if read:
+        made._begin(setup)
+    else:
+        with pytest.raises(ArgumentError, match="controller mine: ended before it began"):
+            made._begin(setup)
+    assert asked == [8, size] if read else [8]
+    asked.clear()
+    errors: dict[int, str] = {}
+    made._store_errors = lambda found, errors, size: found is not None
+    answer = made._ask(b"now", 8, errors)
+    assert asked == [16, size][: 1 + (read and size > 0)]
+    assert answer == (struct.pack("=d", 7.5) if read else None)
 
 
 @pytest.mark.parametrize(

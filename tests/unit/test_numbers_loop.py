@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import casadi as ca
@@ -17,13 +17,13 @@ from scipy.signal import bilinear, cont2discrete, freqz
 import flexgen
 from flexgen.environment.disturbances import Disturbance, disturbance_table, rows_of
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.loop import case, closed_loop, control, margins, robots_in_c, robustness
+from flexgen.loop import case, closed_loop, control, hysteresis, margins, result, robots_in_c, robustness
 from flexgen.loop.channels import channels_of
 from flexgen.loop.controller_files import system_controller
 from flexgen.loop.controllers import Cascade, Linear, times
 from flexgen.loop.gains import PID, PPI, motor_inertias
 from flexgen.loop.hardware import DriveHardware, SensorChannels
-from flexgen.loop.interface import Measurement, Reference
+from flexgen.loop.interface import Measurement, Reference, Setup
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.margins import LoopAtPose, as_linear, state_rows
 from flexgen.loop.noises import Noises
@@ -345,6 +345,84 @@ def test_other_robots_rest_where_their_springs_hold_them() -> None:
     n = len(M)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     assert local.largest_rate(motion, made.values[1]) == pytest.approx(np.abs(np.linalg.eigvals(A)).max(), rel=1e-6)
+
+
+def test_the_fastest_rate_of_a_loop_with_states_by_hand() -> None:
+    """Swings of springs with elements and bristles that stick, slips n |d'| K_h/W, slides |v| s0/F of the motors."""
+    elements = [{"stiffness": 2e5, "lost_motion": 1e-4}, {"stiffness": 1e5, "lost_motion": 4e-4, "exponent": 3.0}]
+    bristles = {"coulomb": 0.5, "static": 0.8, "stribeck_speed": 4.0, "stiffness": 800.0, "damping": 1.5}
+    other = bristles | {"coulomb": 0.9, "static": 1.1, "stiffness": 500.0}
+    changes = {"element.upper.dof.q1.gear.hysteresis": elements, "motor.m1.lugre": bristles, "motor.m2.lugre": other}
+    model = flexgen.read("elbow", overrides=changes)
+    (states,) = hysteresis.split_plants(model, plants_of(model, {"model": {}}))[1]
+    plain = hysteresis.without_states(model)
+    local = LocalDynamics(derive(plain))
+    ratio, K = np.diag(model.eta), [dof.gear.spring.stiffness for element in model.elements for dof in element.dofs]
+    q = np.array([0.2, 0.4])
+    still = np.zeros((1, 2))
+    points = [q[None], still, still, (model.eta @ q)[None], still, still, still]
+
+    def rate(v_a: list[float], v_m: list[float]) -> float:
+        motion = {"v_a": np.array([[0.0, 0.0], v_a]), "v_m": np.array([v_m, [0.0, 0.0]])}
+        return hysteresis.largest_rate(local, points, motion, np.zeros(0), states)
+
+    M, D, K_0, _ = (np.array(x[0]) for x in local.matrices(points, np.zeros(0)))
+    gear = np.array([1.0, 0.0, -1.0 / ratio[0], 0.0])
+    K_0 = K_0 + 3e5 * np.outer(gear, gear) + np.diag([0.0, 0.0, 800.0, 500.0])
+    D = D + np.diag([0.0, 0.0, 1.5, 1.5])
+    A = np.block([[np.zeros((4, 4)), np.eye(4)], [-np.linalg.solve(M, K_0), -np.linalg.solve(M, D)]])
+    assert rate([0.0, 0.0], [0.0, 0.0]) == pytest.approx(np.abs(np.linalg.eigvals(A)).max(), rel=1e-6)
+    W = np.array([1e-4, 4e-4]) * K[0] / 2
+    slips = max(2e5 / W[0], 3.0 * 1e5 / W[1])
+    assert rate([500.0, 0.0], [0.0, 0.0]) == pytest.approx(500.0 * slips)
+    assert rate([0.0, 9e9], [0.0, 0.0]) == rate([0.0, 0.0], [0.0, 0.0])  # has no elements
+    assert rate([0.0, 0.0], [1e3, 0.0]) == pytest.approx(1e3 * max(800.0 / 0.5, slips / ratio[0]))
+    assert rate([0.0, 0.0], [0.0, 1e3]) == pytest.approx(1e3 * 500.0 / 0.9)
+
+
+def test_accuracy_of_a_pose_takes_the_orientations_of_the_robots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors are added to the reference; orientations are those of the joints; robots that failed are left out."""
+    model = flexgen.read("elbow")
+    equations, q = derive(model), np.array([[[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], [[0.2, 0.2], [0.3, 0.3], [0.4, 0.7]]])
+    runs = [SimpleNamespace(name=f"r{k}", failure="", q_a=x, error=np.full((3, 3), 0.01 * k)) for k, x in enumerate(q)]
+    runs.append(SimpleNamespace(name="r2", failure="diverged", q_a=q[0], error=np.zeros((3, 3))))
+    R, y = np.arange(27.0).reshape(3, 9), np.arange(9.0).reshape(3, 3)
+    reference = SimpleNamespace(y_ref=y, R_ref=R, time=np.arange(3.0), path_end=1.5)
+    seen: dict[str, object] = {}
+
+    @dataclass(frozen=True)
+    class Found:
+        corner: int = 0
+
+    def accuracy(*motion: object, **named: object) -> Found:
+        seen.update(named | {"motion": motion})
+        return Found()
+
+    monkeypatch.setattr(result, "path_accuracy", accuracy)
+    monkeypatch.setattr(result, "find_corners", lambda *_: "corners")
+    monkeypatch.setattr(result, "corner_figures", lambda corners, *motion: {"corner": len(motion)})
+    monkeypatch.setattr(result, "columns_in", lambda *_: [0, 2])
+    made = SimpleNamespace(runs=runs, reference=reference, model=model, unit="m", solution=SimpleNamespace(move="line"))
+    assert ControlRun.accuracy(made, band=0.5).corner == 3  # type: ignore[arg-type]
+    time, planned, attained, end = seen["motion"]  # type: ignore[misc]
+    assert_array_equal(time, [0.0, 1.0, 2.0])
+    assert end == 1.5 and (seen["robots"], seen["unit"], seen["band"]) == (("r0", "r1"), "m", 0.5)
+    assert_array_equal(planned, y[:, [0, 2]])
+    assert_allclose(attained, [y[:, [0, 2]], y[:, [0, 2]] + 0.01])
+    given, turned = seen["orientations"]  # type: ignore[misc]
+    assert_array_equal(given, R.reshape(3, 3, 3))
+    forward = equations.function("forward_kinematics")
+    assert_allclose(turned, [[np.array(forward(x)[1]) for x in each] for each in q], atol=1e-12)
+
+
+def test_numbers_of_a_linear_controller_that_do_not_change_come_first() -> None:
+    """Sizes, the count of samples and the address of the matrices; then states, which are zero."""
+    A, B, C, D = np.zeros((2, 2, 2)), np.zeros((2, 2, 3)), np.zeros((2, 1, 2)), np.ones((2, 1, 3))
+    setup = Setup(q_m=np.zeros((4, 1)), sample_s=1e-3, n_a=2, n_y=3, n_ref=2)
+    made = Linear(A, B, C, D, samples=7).compiled(setup)
+    head = made.memory[:, : made.fixed].copy().view(np.int64)
+    assert made.fixed == 48 and head[:, :5].tolist() == [[1, 3, 2, 2, 7]] * 4 and (head[:, 5] != 0).all()
+    assert made.memory.shape == (4, 48 + 8 * (4 * 2 + 3 + 2)) and not made.memory[:, 48:].any()
 
 
 def test_disturbances_as_functions_of_time() -> None:

@@ -245,6 +245,31 @@ def test_files_of_responses_are_checked(data: flexgen.Frf) -> None:
     for changed, other, text in bad:
         with pytest.raises(ValueError, match=text):
             flexgen.Frf.from_data({**arrays, **changed}, {**meta, **other})
+    k, n = len(data.poses), len(data.motors)
+    numbers, torques = np.array([1, 2, 4, 7]), np.ones((k, 1, 4, n, n), complex)
+    motion = {"torques": torques, "numbers": numbers, "gains": np.ones((3, n))}
+    moved: list[tuple[dict[str, Any], str]] = [
+        ({"numbers": numbers - 1}, "those of lines rising from 1"),
+        ({"numbers": np.array([1, 2, 2, 7])}, "those of lines rising from 1"),
+        ({"gains": np.full((3, n), 1.01 * fr.LARGEST)}, "numbers up to"),
+        ({"gains": np.ones((2, n))}, "arrays of different sizes"),
+        ({"torques": torques[:1]}, "torques: expected those of each pose"),
+        ({"torques": torques[..., :1]}, "torques: expected those of each pose"),
+        ({"torques": None}, "expected all of them or none"),
+    ]
+    for changed, text in moved:
+        with pytest.raises(ValueError, match=text):
+            fr._check_motion([(motion | changed)[name] for name in motion], k, 4, n)
+    fr._check_motion([*(motion | {"gains": np.full((3, n), fr.LARGEST)}).values()], k, 4, n)
+    fr._check_motion([None, None, None], k, 4, n)
+    wide = {"G": np.ones((k, 4, n + 3, n), complex), "variance": np.ones((k, 4, n + 3, n))}
+    wide["C"] = np.tile(np.eye(n + 3, dtype=complex), (k, 4, 1, 1))
+    plain, named = {x: y for x, y in arrays.items() if x != "total"}, {"sensors": ["a.x", "b.y", "c"]}
+    for orders in ([0, 1, 2], [2, 2, 0], [0, 0, 0]):
+        assert flexgen.Frf.from_data(plain | wide, meta | named | {"orders": orders}).orders == tuple(orders)
+    for orders in ([0, 1, 3], [-1, 1, 2], [0, 1]):
+        with pytest.raises(ValueError, match="arrays of different sizes"):
+            flexgen.Frf.from_data(plain | wide, meta | named | {"orders": orders})
     kept = flexgen.Frf.from_data({**arrays, "C": 0 * data.C}, {**meta, "sample_s": 0.0, "delay_s": 0.0, "periods": 1})
     assert kept.sample_s == kept.delay_s == 0.0
     for pose in (-1, 2):

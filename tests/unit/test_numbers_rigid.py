@@ -199,6 +199,20 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
     assert_allclose(rigid_file.motions_of(data)[0].q, 1.0)
 
 
+def test_each_part_is_predicted_by_a_fit_to_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The torques predict the mean of the samples that are fitted: the part itself is none of them."""
+    motion = swung(flexgen.read("elbow@rigid"), 61)
+    columns = rigid_body._Columns(Regressor(flexgen.read("elbow@rigid")), [motion, motion], {})
+    columns.moving = [np.ones_like(x, bool) for x in columns.measured]
+    monkeypatch.setattr(rigid_body, "_fit_bodies", lambda part, *_: (np.vstack(part.measured).mean(axis=0),))
+    monkeypatch.setattr(rigid_body._Columns, "torques", lambda part, mean: [0 * x + mean for x in part.measured])
+    found = rigid_body._leave_out(columns, np.zeros(0), np.zeros(0), np.ones(2), 0.3, 3)
+    x, error = np.vstack(columns.measured), []
+    for begin, end in ((0, 20), (20, 40), (40, 61), (61, 81), (81, 101), (101, 122)):
+        error.append(x[begin:end] - np.delete(x, np.s_[begin:end], axis=0).mean(axis=0))
+    assert_allclose(found, np.sqrt((np.vstack(error) ** 2).mean(axis=0)))
+
+
 def test_errors_of_a_rigid_fit_decide_on_its_status() -> None:
     one, scale = np.array([1.0, 1.0]), np.array([10.0, 10.0])
     status = rigid_accuracy.status_of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,8 @@ from scipy.spatial.transform import Rotation
 import flexgen
 from flexgen.benchmarks import bench, draws
 from flexgen.benchmarks.tune import TuningResult
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.causes import levels
 from flexgen.model.elements import LinearSpring
 from flexgen.performance import learn, minimum_time, rigid_time
 from flexgen.performance.payload import Load
@@ -82,6 +84,58 @@ def test_learning_is_told_by_iterations(monkeypatch: pytest.MonkeyPatch) -> None
     lines = str(turned).splitlines()
     assert lines[0] == head + ", load 2 kg"
     assert lines[2] == "  1: 1 mrad (best), dynamic 500 urad, estimated 900 urad"
+
+
+def test_a_margin_for_the_feedback_grows_by_what_torques_exceed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of both signs, of the worst instant of each motor; up to a thousandth of the limit is accepted."""
+    limits, margins = np.array([10.0, 4.0]), []
+
+    @dataclass(frozen=True)
+    class Move:
+        solution: np.ndarray
+        limits: Any
+        margin: tuple[float, ...] = ()
+
+    def find(margin: np.ndarray | None = None) -> Move:
+        margins.append(None if margin is None else margin.tolist())
+        return Move(np.zeros(2) if margin is None else margin, SimpleNamespace(torque=limits.tolist()))
+
+    def torques(excess: list[float]) -> Any:
+        def of(margin: np.ndarray, progress: Any) -> tuple[np.ndarray, np.ndarray]:
+            top = limits + excess - margin
+            return np.array([-top, 0 * top]), np.array([0 * top, top * [1.0, 0.2]])
+
+        return lambda name: of
+
+    for excess, expected in (
+        ([0.0, 0.0], [None]),
+        ([0.0099, 0.0039], [None]),
+        ([0.0101, 0.0], [None, [0.0101, 0.0]]),
+        ([-5.0, 0.0041], [None, [0.0, 0.0041]]),
+        ([2.0, 1.0], [None, [2.0, 1.0]]),
+    ):
+        margins.clear()
+        monkeypatch.setattr(minimum_time, "find_function", torques(excess))
+        found = minimum_time._with_margin(find, None)
+        assert len(margins) == len(expected) and all(
+            a == b or a == pytest.approx(b, abs=1e-12) for a, b in zip(margins, expected, strict=True)
+        )
+        assert found.margin == pytest.approx(expected[-1] or (0.0, 0.0))
+    monkeypatch.setattr(minimum_time, "find_function", torques([0.0, 4.0]))
+    with pytest.raises(SolverError, match=r"95 % of the robots needs \[0.0, 4.0\] N m or more of the torque limits"):
+        minimum_time._with_margin(find, None)
+    monkeypatch.setattr(minimum_time, "find_function", lambda name: lambda *_, **__: 2 * [limits[None] + 0.5])
+    margins.clear()
+    with pytest.raises(SolverError, match=r"95 % of the robots needs \[2.5, 2.5\] N m or more"):
+        minimum_time._with_margin(find, None)
+    assert len(margins) == 1 + 5  # rounds
+
+
+def test_causes_of_nonlinear_responses_are_told_with_their_sizes() -> None:
+    """A dead band and a slip over the deflection of the gear, both in its unit; a growth in percent."""
+    assert levels._size("backlash", [0.25], 0.8, "mrad") == "+-0.2 mrad"
+    assert levels._size("cubic", [0.375], 0.8, "mm") == "38 % more at 0.8 mm rms"
+    assert levels._size("hysteresis", [0.125, 1.5], 0.8, "mrad") == "12 % of the stiffness slips at 1.2 mrad"
 
 
 def test_an_error_of_a_pose_has_its_rotation_vector() -> None:

@@ -56,6 +56,18 @@ def test_a_finer_mesh_is_tried(equations: Equations, calls) -> None:  # type: ig
     assert solution.details["attempts"] == ["lq, intervals of 0.005 s: lq planted"]
 
 
+def test_each_attempt_halves_the_intervals(equations: Equations, calls, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
+    """Those of the method, and those that an error of the time limit names."""
+    steps, named = list[float](), list[str]()
+    calls(lambda name, count: count < 3)
+    planted = solve_module.run_method
+    monkeypatch.setattr(solve_module, "run_method", lambda m, p, h: (steps.append(h), planted(m, p, h))[1])
+    monkeypatch.setattr(solve_module, "check_time", named.append)
+    flexgen.solve(equations, verify=False)
+    assert len(steps) == 3 and steps == [steps[0] / 2**k for k in range(len(steps))]
+    assert named[: len(steps)] == [f"method lq, intervals of {h:.3g} s" for h in steps]
+
+
 @pytest.mark.slow
 def test_further_methods_are_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
     names = calls(lambda name, count: name == "lq")

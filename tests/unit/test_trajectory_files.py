@@ -15,7 +15,10 @@ import pytest
 from npz_lies import array_bytes, claiming, packed
 
 from flexgen import npz_files, trajectory_files
-from flexgen.errors import ArgumentError, ChannelError
+from flexgen.errors import ArgumentError, ChannelError, ModelError
+from flexgen.identification.recordings import description
+from flexgen.model.reader import read
+from flexgen.paths import sample_files
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
@@ -36,6 +39,40 @@ def changed(path: Path, old: str, new: str) -> Path:
 
 
 # --- csv --------------------------------------------------------------------------------------------------------------
+
+
+SIZES = {  # bytes at most, and what is said of a file of zeros
+    "trajectory": (
+        2**30,
+        Trajectory.load,
+        "not a trajectory of flexgen",
+        "of 1073741825 bytes, expected at most 107374182",
+    ),
+    "recording": (
+        2 * 10**9,
+        description._arrays,
+        "given what is no .npz file",
+        "2000000001 bytes, expected at most 2000",
+    ),
+    "samples": (
+        200_000_000,
+        lambda path: sample_files.read_samples(str(path), read("elbow"), 5),
+        "given what is no .npz file",
+        "given more than 200000000 bytes, expected a shorter file",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", SIZES)
+def test_files_have_at_most_the_stated_bytes(kind, tmp_path):
+    """Sparse files, which take no space: one of this size is looked into, one with a byte more is not."""
+    most, load, unknown, large = SIZES[kind]
+    for size, words in ((most, unknown), (most + 1, large)):
+        path = tmp_path / f"{size}.npz"
+        with path.open("wb") as stream:
+            stream.truncate(size)
+        with pytest.raises((ArgumentError, ModelError), match=words):
+            load(path)
 
 
 def test_a_csv_that_was_cut_at_a_line_end_is_refused(tmp_path, trajectory):

@@ -1,0 +1,154 @@
+"""Numbers of the fit of gears on a made-up record: signals, torques, derivatives, weights, steps, and the result.
+
+Of `flexgen.gears.signals`, `flexgen.gears.driven_arm`, `flexgen.gears.fit`, `flexgen.gears.identify` and
+`flexgen.gears.result`. That they are right, long records of MuJoCo show (`tests/cross/test_identify_gears.py`).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from measured_numbers import check_numbers
+from numpy.testing import assert_allclose
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.gears import fit, identify
+from flexgen.gears.driven_arm import Element
+from flexgen.gears.signals import Signals, signals_of
+from flexgen.mechanics.equations import derive
+from flexgen.mechanics.parameters import select
+from flexgen.spec.ports import Port
+from flexgen.trajectory import Trajectory
+
+pytestmark = needs_compiler
+FREE = ["q1.stiffness", "q1.damping"]
+
+
+def record_of(seconds: float = 5.2, noise: float = 1e-6, **changes: Any) -> Trajectory:
+    """Two motors of `elbow` in a motion by formulas, with torques by other ones."""
+    t, rng = 1e-3 * np.arange(int(1e3 * seconds)), np.random.default_rng(5)
+    waves = np.sin(9.0 * t[:, None] * [1.0, 1.3] + [0.0, 1.0]) + 0.4 * np.sin(31.0 * t[:, None] * [1.0, 0.8])
+    torque = 3.0 * np.cos(9.0 * t[:, None] * [1.0, 1.3]) + np.tanh(np.sin(7.0 * t))[:, None] * [1.0, -0.5]
+    channels = {"q_m": 30.0 * waves, "tau_m": torque}
+    given = {name: x + noise * rng.normal(size=x.shape) for name, x in channels.items()} | changes
+    ports = {name: Port(name, (x.shape[1],), "rad", "made up") for name, x in given.items()}
+    labels = {name: tuple(f"{name}{j}" for j in range(x.shape[1])) for name, x in given.items()}
+    return Trajectory(t, given, ports, labels, {})
+
+
+@cache
+def robot() -> flexgen.RobotModel:
+    """With so much damping that the gears forget how a short motion began."""
+    changed = {"upper.dof.q1": 4e4, "fore.dof.q2": 2e4}
+    return flexgen.read("elbow", overrides={f"element.{place}.gear.damping": D for place, D in changed.items()})
+
+
+@cache
+def signals() -> Signals:
+    return signals_of(record_of(), 2, 12.0)
+
+
+@cache
+def made() -> fit.GearModel:
+    """Two elements at the first gear, one with another law at the second, whose transmission error is sought, too."""
+    elements = (Element(0, 4e6, 3e-5), Element(0, 2e6, 6e-5, 2.0), Element(1, 3e6, 4e-5, 1.5, 0.2))
+    sought = fit.Sought(elements, True, (1,), (1, 3), (2,))
+    return fit.GearModel(derive(robot(), FREE), sought, signals())
+
+
+def moved() -> np.ndarray:
+    """A theta none of whose entries is where the search begins."""
+    model = made()
+    theta = model.start * (1.0 + 0.1 * np.cos(np.arange(len(model.start))))
+    theta[model.errors : model.bent] = 2e-5 * np.arange(1.0, 1.0 + model.bent - model.errors)
+    theta[model.bent :] = 1e-4 * np.arange(1.0, 1.0 + len(theta) - model.bent)
+    return theta
+
+
+def test_signals_in_the_band_of_a_record_are_what_they_were() -> None:
+    of_noise = signals_of(record_of(noise=1e-4), 2, None)
+    again = signals().angle_noise(np.random.default_rng(2))
+    check_numbers(
+        "gear_signals", given=signals(), found=of_noise, noise=[x.torque_noise for x in (signals(), of_noise)],
+        again=again, margin=signals().margin, torques=signals().torques(signals().tau_m),
+    )  # fmt: skip
+
+
+def test_the_model_of_a_record_is_what_it_was() -> None:
+    """Numbers of the arm, torques and derivatives; the loops, and what noise explains."""
+    model, theta = made(), moved()
+    error, J = model.derivatives(theta, model.motion)
+    J = np.moveaxis(J, -1, 0) / np.abs(J).max(axis=(0, 1))[:, None, None]
+    check_numbers(
+        "gear_model", 1e-5, start=model.start, units=model.units, numbers=model.numbers(theta), first=model.first,
+        bounds=np.clip(fit._bounds(model), -1e3, 1e3), step=model.segments.step, e=error, J=J,
+        loops=model.loops(theta, error), noise=model.noise(theta), excess=model.excess(theta, error),
+        misfit=fit._misfit(error, model.measured),
+    )  # fmt: skip
+
+
+def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
+    model, theta = made(), moved()
+    e = model.torques([theta], model.motion)[0] - model.measured
+    white = fit.Whitening(e, model, fit.FLOOR[1])
+    lower, upper = bounds = fit._bounds(model)
+    weak = theta.copy()
+    weak[model.parts + 1] = 0.01
+    dropped = fit._drop(model, weak, lower, upper)
+    _, scores, H, unknown = fit._correct(model, theta, white, lower < upper, 2)
+    size = np.where(np.diag(H) > 0.0, np.sqrt(np.diag(H)), 1.0)
+    assert dropped and not fit._drop(model, weak, lower, upper)
+    check_numbers(
+        "gear_step", 1e-4, weights=white(e), bounds=np.clip(bounds, -1e3, 1e3), theta=weak, scores=scores * size,
+        H=H / np.outer(size, size), unknown=np.sqrt(np.diag(unknown)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("converged", [True, False])
+def test_the_result_of_a_fit_has_the_numbers_of_the_model(converged: bool) -> None:
+    model, theta = made(), moved()
+    n = len(theta)
+    spread = 1e-2 * np.diag(np.arange(1.0, n + 1)) + 1e-4
+    error = model.torques([theta], model.motion)[0] - model.measured
+    found = fit.Estimate(theta, spread, error * converged, converged)
+    result = identify._result(robot(), select(robot(), FREE), model, found)
+    assert str(result.status) == ("model error" if converged else "not converged"), result.status
+    names = [number.name for number in result.numbers]
+    assert names[:8] == [
+        *FREE, "q1.hysteresis.lost_motion", "q1.hysteresis.stiffness", "q1.hysteresis.lost_motion_1",
+        "q1.hysteresis.stiffness_1", "q1.hysteresis.exponent_1", "q1.hysteresis.lost_motion_2",
+    ]  # fmt: skip
+    name = "converged" if converged else "open"
+    check_numbers(f"gear_result_{name}", 1e-5, result=result, known=[number.determined for number in result.numbers])
+
+
+def test_elements_begin_as_those_of_the_model_or_as_fractions_of_the_spring() -> None:
+    """n elements share the stiffness of the spring; their lost motions are around one arcmin, by factors of two."""
+    K = [dof.gear.spring.stiffness for element in robot().elements for dof in element.dofs]  # type: ignore[union-attr]
+    found = identify._first_elements(robot(), (0, 1), 3, False)
+    arcmin = np.pi / 180 / 60
+    assert [x.gear for x in found] == [0, 0, 0, 1, 1, 1]
+    assert_allclose([x.K_h for x in found], np.repeat(K, 3) / 3)
+    assert_allclose([x.lost / arcmin for x in found], [0.5, 1.0, 2.0] * 2)
+    assert {(x.exponent, x.gamma) for x in found} == {(1.0, 0.0)}
+    assert [x.exponent for x in identify._first_elements(robot(), (1,), None, True)] == [2.0]
+    table = [
+        {"stiffness": 3e3, "lost_motion": 2e-4},
+        {"stiffness": 1e3, "lost_motion": 4e-4, "exponent": 3.0, "gamma": 0.3},
+    ]
+    bent = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.hysteresis": table})
+    own = identify._first_elements(bent, (0,), None, True)
+    assert [(x.K_h, x.exponent, x.gamma) for x in own] == [(3e3, 2.0, 0.0), (1e3, 3.0, 0.3)]
+    assert_allclose([x.lost for x in own], [2e-4, 4e-4])
+    assert len(identify._first_elements(bent, (0,), 1, False)) == 1
+
+
+@pytest.mark.parametrize("given", [0, 9, True])
+def test_counts_of_elements_have_bounds(given: Any) -> None:
+    with pytest.raises(ArgumentError, match=f"elements: given {given}, expected a whole number from 1 to 8"):
+        identify._first_elements(robot(), (0,), given, False)
