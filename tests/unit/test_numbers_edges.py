@@ -1,0 +1,157 @@
+"""Small functions of many rooms at the edges of their ranges, by hand.
+
+Of `flexgen.atomic_files`, `flexgen.npz_files`, `flexgen.spec.toml_lines`, `flexgen.library.object_cache`,
+`flexgen.inverse_kinematics.targets`, `flexgen.exports.mujoco`, `flexgen.identification.graybox`,
+`flexgen.lab.initial_value`, `flexgen.servo.fit_result`, `flexgen.benchmarks.bench`.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from types import SimpleNamespace as Made
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexgen import atomic_files, npz_files
+from flexgen.benchmarks import bench
+from flexgen.exports import mujoco
+from flexgen.identification import graybox
+from flexgen.inverse_kinematics import targets
+from flexgen.lab import initial_value
+from flexgen.library import object_cache
+from flexgen.servo.fit_result import ServoFit
+from flexgen.spec import toml_lines
+from flexgen.spec.toml_lines import TextError
+
+
+def test_a_folder_is_own_where_its_user_is_the_one_who_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: 7, raising=False)
+    found: Any = [Made(st_uid=user) for user in (7, 0)]
+    assert [atomic_files._is_own(x) for x in found] == [True, False]
+    monkeypatch.delattr(os, "geteuid")
+    assert atomic_files._is_own(found[1])  # of systems without users
+
+
+def test_texts_of_more_than_60_characters_are_cut() -> None:
+    assert [npz_files._shorten("x" * n) for n in (60, 61)] == ["x" * 60, "x" * 57 + "..."]
+    assert npz_files._shorten(10**5000) == "a huge number"
+
+
+def test_errors_of_a_text_without_a_place_have_no_line() -> None:
+    for text, words in (("a = " + "[" * 3000 + "]" * 3000, "nested too deeply"), ("a = 1\nb =", "not TOML")):
+        with pytest.raises(TextError) as caught:
+            toml_lines._parse(text, "a.toml", 1e5)
+        assert words in caught.value.given
+        assert caught.value.line == (0 if "nested" in words else 2)
+
+
+@pytest.mark.parametrize("cached", [None, b"object"])
+def test_an_object_is_fetched_where_the_cache_has_it(
+    cached: bytes | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(object_cache, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(object_cache, "fetch_entry", lambda folder, name: cached)
+    source = tmp_path / "one.c"
+    source.write_text("int x;\n")
+    found = object_cache.Objects("gcc", {}).fetch(source)
+    assert found is (cached is not None) and source.with_suffix(".o").exists() is found
+
+
+@pytest.mark.parametrize(
+    ("q", "before", "turns", "expected"),
+    [
+        ([0.5, 0.5], [0.0, 0.0], (), [0.5, 0.5]),
+        ([0.5, 0.5], [6.0, -6.0], (), [0.5 + 2 * np.pi, 0.5]),  # of the second one a turn less is beyond its limit
+        ([2.0 + 0.9e-9, -1.0 - 0.9e-9], [0.0, 0.0], (), [2.0 + 0.9e-9, -1.0 - 0.9e-9]),
+        ([0.5, 1.0 + 2e-9], [0.0, 0.0], (), None),
+        ([0.5, -1.0 - 2e-9], [0.0, 0.0], (), None),
+        ([0.5, 0.5], [0.0, 0.0], (-1, 0), [0.5 - 2 * np.pi, 0.5]),
+        ([0.5, 0.5], [0.0, 0.0], (0, 1), None),
+    ],
+)
+def test_angles_have_the_turns_that_are_closest_within_the_limits(
+    q: list[float], before: list[float], turns: tuple[int, ...], expected: list[float] | None
+) -> None:
+    limits = [Made(lower=None, upper=None), Made(lower=-1.0, upper=1.0)]
+    model: Any = Made(i_g=(0, 1), coordinates=[Made(unit="rad", dof=dof) for dof in limits])
+    found = targets._choose_turns(model, np.array(q), np.array(before), turns)
+    assert (found is None) == (expected is None)
+    if found is not None:
+        assert found == pytest.approx(np.array(expected), abs=1e-14)
+
+
+def test_moving_bodies_in_mujoco_have_some_mass_and_inertia() -> None:
+    """At least 2e-15 of both; bodies at rest have what they have, or nothing."""
+    made = object.__new__(mujoco._Writer)
+    made.small = 0
+    least = 2e-15
+    for mass, moments, moving, expected in (
+        (2.0, (3.0, 2.0, 4.0), True, (2.0, (2.0, 3.0, 4.0))),
+        (2.0, (3.0, 0.0, 3.0), True, (2.0, (least, 3.0 + least, 3.0 + least))),
+        (0.0, (0.0, 0.0, 0.0), True, (least, (least, least, least))),
+        (0.0, (0.0, 0.0, 0.0), False, None),
+        (least, (least, least, least), True, (least, (least, least, least))),
+    ):
+        body = ET.Element("body")
+        made._inertial(body, mass, np.zeros(3), np.diag(moments), moving=moving)
+        if expected is None:
+            assert len(body) == 0
+            continue
+        found = body[0].attrib
+        assert float(found["mass"]) == expected[0]
+        assert sorted(map(float, found["diaginertia"].split())) == pytest.approx(expected[1], rel=1e-12)
+    assert made.small == 2
+
+
+def test_directions_that_data_do_not_determine_are_told_in_words() -> None:
+    """Standard deviations of logarithms, and of others over their prior; the largest entries first, two at most."""
+
+    def lines(A: np.ndarray) -> tuple[str, ...]:
+        unknowns = [Made(scale=scale) for scale in ("log", "log", "linear")]
+        vector: Any = Made(unknowns=unknowns, prior_sd=np.array([5.0, 5.0, 4.0]), names=["a", "b", "c"])
+        return graybox.weak_directions(vector, A)
+
+    strong = 0.5e6
+    assert lines(np.diag([strong, strong, strong])) == ()
+    sd = 2 * graybox.WEAK
+    assert lines(np.diag([0.5 / sd**2, strong, strong])) == (f"a is not determined by the data (sd {100 * sd:.0f} %)",)
+    assert lines(np.diag([strong, strong, 0.5 / (4 * sd) ** 2])) == (
+        f"c is not determined by the data (sd {100 * sd:.0f} %)",
+    )
+    assert lines(np.diag([strong, strong, 0.5 / (0.99 * 4 * graybox.WEAK) ** 2])) == ()
+    assert lines(np.diag([0.5e-3, strong, strong])) == (
+        "a is not determined by the data (sd more than a factor of 10)",
+    )
+    together, against = (np.array(x) / np.sqrt(1.25) for x in ([1.0, 0.5, 0.0], [0.5, -1.0, 0.0]))
+    A = strong * np.diag([0.0, 0.0, 1.0])
+    for weak, strong_one, words in (
+        (together, against, "a, b can change together"),
+        (against, together, "b can change together, and a against them"),
+    ):
+        one = A + strong * np.outer(strong_one, strong_one) + 0.5 / sd**2 * np.outer(weak, weak)
+        assert lines(one) == (f"{words} (sd {100 * sd:.0f} %)",)
+
+
+def test_a_problem_without_zeros_has_none_along_its_path() -> None:
+    some: Any = Made(zeros=[(0.0, np.array([1.0, 2.0])), (1.0, np.array([3.0]))])
+    none: Any = Made(zeros=[])
+    assert initial_value.zeros_along(some).tolist() == [1.0, 2.0, 3.0]
+    assert initial_value.zeros_along(none).shape == (0,)
+
+
+@pytest.mark.parametrize(("explained", "used"), [(0.9, True), (0.8999, False), (0.2, False)])
+def test_a_servo_that_explains_too_little_is_not_used(explained: float, used: bool) -> None:
+    made = object.__new__(ServoFit)
+    vars(made).update(explained=explained)
+    text = f"the servo explains {100 * explained:.0f} % of the lag of the robot, expected 90 %: another structure"
+    assert made.problem.startswith(text) != used and (made.problem == "") == used
+
+
+def test_a_prefix_stands_before_each_line() -> None:
+    lines: list[str] = []
+    bench._add_prefix(lines.append, "draw 3: ")("step 1")
+    assert lines == ["draw 3: step 1"]
