@@ -2,7 +2,8 @@
 
 Of `flexgen.atomic_files`, `flexgen.npz_files`, `flexgen.spec.toml_lines`, `flexgen.library.object_cache`,
 `flexgen.inverse_kinematics.targets`, `flexgen.exports.mujoco`, `flexgen.identification.graybox`,
-`flexgen.lab.initial_value`, `flexgen.servo.fit_result`, `flexgen.benchmarks.bench`.
+`flexgen.lab.initial_value`, `flexgen.servo.fit_result`, `flexgen.benchmarks.bench`, `flexgen.analysis.amplitude`,
+`flexgen.exports.mujoco_inertia`, `flexgen.performance.smoother`.
 """
 
 from __future__ import annotations
@@ -15,14 +16,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import erfc
 
+import flexgen
 from flexgen import atomic_files, npz_files
+from flexgen.analysis import amplitude
 from flexgen.benchmarks import bench
-from flexgen.exports import mujoco
+from flexgen.exports import mujoco, mujoco_inertia
 from flexgen.identification import graybox
 from flexgen.inverse_kinematics import targets
 from flexgen.lab import initial_value
 from flexgen.library import object_cache
+from flexgen.performance import smoother
+from flexgen.performance.smoother import PathSmoother
 from flexgen.servo.fit_result import ServoFit
 from flexgen.spec import toml_lines
 from flexgen.spec.toml_lines import TextError
@@ -155,3 +161,53 @@ def test_a_prefix_stands_before_each_line() -> None:
     lines: list[str] = []
     bench._add_prefix(lines.append, "draw 3: ")("step 1")
     assert lines == ["draw 3: step 1"]
+
+
+@pytest.mark.parametrize("law", ["cubic", "backlash"])
+def test_a_spring_in_place_of_the_linear_one_has_its_mean_stiffness(law: str) -> None:
+    """Of Gaussian deflections without mean torque, over that of the first level: 1 + c s^2, and P(|d| > gap)."""
+    effects = next(x.effects for x in amplitude.LAWS if x.name == law)
+    sizes, z = np.array([[[1.0, 1.0]], [[0.5, 2.0]]]), np.array([[0.4, 0.7]])
+    motions = [amplitude.Motion(s, np.ones((1, 3)), np.zeros((1, 2))) for s in sizes]
+    found = effects(z, motions)
+    mean = 1.0 + z[0] * sizes**2 if law == "cubic" else erfc(z[0] / sizes / np.sqrt(2))
+    for effect, expected in zip(found, mean / mean[0], strict=True):
+        assert effect.stiffness == pytest.approx(expected, rel=2e-3)
+        assert not effect.loss.any() and not effect.friction.any()
+
+
+def test_inertias_that_rounding_makes_impossible_get_as_much_as_is_missing() -> None:
+    """Of a long rod: 2e-14 of its largest moment on all; a tensor that is possible stays."""
+    model = flexgen.read("elbow")
+    for size in (4.0, 0.25):
+        rod = size * np.diag([1.0 + 4e-15, 1.0 - 4e-15, 0.0])
+        kept = size * np.diag([1.0, 1.2, 0.4])
+        found = mujoco_inertia.regroup(model, [rod, kept], [np.eye(3)] * 2)
+        assert np.abs(found[0] - rod - 2e-14 * rod.max() * np.eye(3)).max() < 5e-16 * size
+        assert np.array_equal(found[1], kept) and mujoco_inertia.missing(found[0]) <= 0.0
+
+
+def test_a_smoother_goes_through_all_samples_twice() -> None:
+    """Forward and backward recursions of the textbook, with other matrices in each part of two samples."""
+    rng = np.random.default_rng(6)
+    made = object.__new__(PathSmoother)
+    shapes = {"_F": (3, 4, 4), "_G": (3, 4, 2), "_C": (3, 3, 4), "_D": (3, 3, 2), "_M": (3, 4, 3), "_J": (3, 4, 4)}
+    for name, shape in shapes.items():
+        setattr(made, name, 0.4 * rng.normal(size=shape))
+    vars(made).update(samples=2, _begin=3, sample_s=0.25, model=Made(n_a=2))
+    y, u = rng.normal(size=(9, 3)), rng.normal(size=(9, 2))
+    rest = slice(max(0, 3 - round(smoother.REST_S / 0.25)), 3)
+    dy, du = y - y[rest].mean(axis=0), u - u[rest].mean(axis=0)
+    z, before, after = np.zeros(4), [], []
+    for k in range(9):
+        F, G, C, D, M, _ = (getattr(made, name)[min(k // 2, 2)] for name in shapes)
+        before.append(F @ z + G @ du[k])
+        z = before[k] + M @ (dy[k] - C @ before[k] - D @ du[k])
+        after.append(z)
+
+    def smooth(k: int) -> np.ndarray:
+        if k == 8:
+            return after[k]
+        return after[k] + made._J[min((k + 1) // 2, 2)] @ (smooth(k + 1) - before[k + 1])
+
+    np.testing.assert_allclose(made.deviation(y, u), [smooth(k)[:2] for k in range(9)], rtol=1e-10, atol=1e-12)
