@@ -1,0 +1,220 @@
+"""Faults of a record as changes of its responses, one by one; their words; poses and channels of recordings.
+
+Of `flexgen.identification.causes.hypotheses`, `flexgen.identification.recordings.experiment_file`,
+`flexgen.identification.recordings.description`, `flexgen.simulation.result`, `flexgen.mechanics.beam`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace as Made
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from flexgen.errors import ModelError
+from flexgen.identification.causes import hypotheses
+from flexgen.identification.frequency_response import Frf
+from flexgen.identification.recordings import description, experiment_file
+from flexgen.mechanics.beam import modal_beam
+from flexgen.mechanics.equations import derive
+from flexgen.model.elements import Output
+from flexgen.simulation.result import output_error
+from flexgen.spec.parts import Beam, Bending
+
+
+def responses() -> Frf:
+    """Of two motors and a sensor of rates, with complex numbers that are all different."""
+    rng = np.random.default_rng(1)
+
+    def of(*shape: int) -> np.ndarray:
+        return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+    A, B = of(2, 3, 3, 3), of(2, 3, 2, 2)
+    C, UU = (x @ x.conj().swapaxes(-1, -2) for x in (A, B))
+    numbers = {"periods": 5, "experiments": 3, "sample_s": 1e-3, "delay_s": 2e-3, "warnings": ()}
+    numbers |= {"model": "arm", "motors": ("m1", "m2"), "sensors": ("a.x",), "orders": (1,)}
+    arrays = {"poses": np.zeros((2, 2)), "w": np.array([1.0, 2.0, 4.0]), "G": of(2, 3, 3, 2), "UU": UU, "C": C}
+    arrays |= {"variance": rng.uniform(1, 2, (2, 3, 3, 2)), "speed_sd": np.zeros((2, 2))}
+    arrays |= {"total": rng.uniform(2, 3, (2, 3, 3, 2))}
+    return Frf(**arrays, **numbers)  # type: ignore[arg-type]
+
+
+def test_a_change_of_channels_is_one_of_responses_and_covariances() -> None:
+    """``y -> L y`` and ``u -> R^-1 u``, as of each line; variances by squares."""
+    data, rng = responses(), np.random.default_rng(2)
+    L, R = rng.normal(size=(3, 3)), rng.normal(size=(2, 2))
+    found = hypotheses.transform(data, L, R)
+    for at in np.ndindex(2, 3):
+        assert_allclose(found.G[at], L @ data.G[at] @ R)
+        assert_allclose(found.C[at], L @ data.C[at] @ L.T)
+        assert_allclose(R @ found.UU[at] @ R.T, data.UU[at], rtol=1e-9, atol=1e-9)
+        assert_allclose(found.variance[at], L**2 @ data.variance[at] @ R**2)
+        assert data.total is not None and found.total is not None
+        assert_allclose(found.total[at], L**2 @ data.total[at] @ R**2)
+    assert hypotheses.transform(replace(data, total=None), L, R).total is None
+    late = hypotheses.with_sample_time(data, 1.25)
+    assert_allclose(late.w, 1.25 * data.w)
+    assert (late.sample_s, late.delay_s) == (8e-4, 1.6e-3)
+    assert_allclose(late.G, data.G * np.array([1.25**2, 1.25**2, 1.25])[:, None])  # accelerations, and a rate
+
+
+def test_all_faults_of_a_record_are_tried() -> None:
+    """Words and changes of each, in their order; L and R are rows of what is exchanged, scaled or turned around."""
+    data = responses()
+    found = list(hypotheses.changes_of(data))
+    deg = np.pi / 180
+    left = {
+        "angles in degrees, read as radians": (deg, deg, 1),
+        "angle of m1 in degrees, read as radians": (deg, 1, 1),
+        "angle of m2 in degrees, read as radians": (1, deg, 1),
+        "angles in radians, read as degrees": (1 / deg, 1 / deg, 1),
+        "angle of m1 in radians, read as degrees": (1 / deg, 1, 1),
+        "angle of m2 in radians, read as degrees": (1, 1 / deg, 1),
+        "the sign of the angle of m1": (-1, 1, 1),
+        "the sign of the angle of m2": (1, -1, 1),
+    }
+    right = {"the sign of the torque of m1": (-1, 1), "the sign of the torque of m2": (1, -1)}
+    words = [x.say(1.5) for x in found]
+    assert words[:3] == [
+        "sample time 50 % longer than stated",
+        "angle of m1 50 % too large in the record",
+        "angle of m2 50 % too large in the record",
+    ]
+    assert [x.gross for x in found] == [False] * 3 + [True] * (len(found) - 3)
+    assert_allclose(found[2].change(data, 1.5).G, data.G * np.array([1.0, 1 / 1.5, 1.0])[:, None])
+    swapped = [1, 0, 2]
+    expected = {name: np.diag(x) @ data.G for name, x in left.items()}
+    expected |= {name: data.G @ np.diag(x) for name, x in right.items()}
+    expected["exchanged angles of m1 and m2"] = data.G[:, :, swapped]
+    expected["exchanged torques of m1 and m2"] = data.G[..., ::-1]
+    expected["exchanged angles and torques of m1 and m2"] = data.G[:, :, swapped][..., ::-1]
+    expected["torques without hold"] = data.G
+    gross = dict(zip(words[3:], found[3:], strict=True))
+    names = {name.replace(",", ""): G for name, G in expected.items()}
+    assert {word.replace(",", "") for word in gross} == set(names)
+    for word, change in gross.items():
+        assert_allclose(change.change(data, 1.0).G, names[word.replace(",", "")])
+    assert gross["torques without hold"].change(data, 1.0).sample_s == 0.0
+    assert "torques without hold" not in [x.say(1.0) for x in hypotheses.changes_of(replace(data, sample_s=0.0))]
+
+
+def test_faults_are_told_with_their_size_and_direction() -> None:
+    say = hypotheses._say_change("payload", "heavier", "lighter")
+    assert [say(x) for x in (1.2, 0.75)] == ["payload 20 % heavier", "payload 25 % lighter"]
+    assert hypotheses._say_recorded("torque", inverse=True)(0.8) == "torque 25 % too large in the record"
+    assert hypotheses._say_delay(2.5e-3) == "torques that act 2.5 ms later than stated"
+    assert hypotheses._say_delay(-1e-3) == "torques that act 1 ms earlier than stated"
+    assert hypotheses._say_value("friction", 2.0, "N m")(0.25) == "friction of 0.5 N m"
+
+
+@pytest.mark.parametrize(("joint", "key", "factor"), [("rad", "pose_deg", math.pi / 180), ("rad", "pose_rad", 1.0)])
+def test_poses_of_recordings_have_the_unit_of_their_key(
+    joint: str, key: str, factor: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rotations in the unit of the key; translations always in metres."""
+    model = Made(i_g=(0, 1), coordinates=[Made(unit=joint), Made(unit="m")])
+    seen: dict[str, Any] = {}
+
+    def angles(name: str, turns: list[bool]) -> list[float]:
+        assert name == "pose"
+        seen["turns"] = turns
+        return [factor * 30.0, 0.5]
+
+    root = Made(number=lambda *_, **__: 0.2)
+    record = Made(angles=angles)
+    monkeypatch.setattr(
+        experiment_file, "read_description", lambda path: Made(root=Keys(root), model=model, recordings=[(record, 1)])
+    )
+    monkeypatch.setattr(experiment_file, "_parts", lambda *given: given)
+    monkeypatch.setattr(experiment_file, "_experiment", lambda found, poses: poses)
+    poses: Any = experiment_file.read_experiment(key)
+    assert seen["turns"] == [True, False] and poses == {(factor * 30.0, 0.5): [(1, 0.2, 0, True)]}
+
+
+class Keys:
+    """A table without optional keys."""
+
+    def __init__(self, found: Any) -> None:
+        self.number = found.number
+
+    def __contains__(self, key: str) -> bool:
+        return False
+
+
+@pytest.mark.parametrize("pose", ["tool_pose", "tool_position", "combination"])
+def test_an_angle_is_that_of_poses_only(pose: str) -> None:
+    equations = derive("elbow") if pose != "combination" else derive("four_mass")
+    model = equations.model
+    if pose == "tool_pose":
+        equations = derive(replace(model, output=Output("tool_pose")))
+    q = np.array([[0.2, 0.3], [0.4, 0.5]]) if pose != "combination" else np.full((2, model.n_a), 0.3)
+    forward, output = (equations.function(name) for name in ("forward_kinematics", "output"))
+    y = np.array([np.array(output(x)).ravel() for x in q])
+    R = np.array([np.array(forward(x)[1]) for x in q])
+    turn = np.array([[math.cos(0.1), -math.sin(0.1), 0.0], [math.sin(0.1), math.cos(0.1), 0.0], [0.0, 0.0, 1.0]])
+    reference = {"y_ref": y - 0.25, "R_ref": np.array([R[0], turn @ R[1]]).reshape(2, 9)}
+    error, distance, angle = output_error(equations, reference, q)
+    assert_allclose(error, 0.25)
+    assert distance == pytest.approx(0.25 * math.sqrt(y.shape[1]))
+    assert angle == (pytest.approx(0.1) if pose == "tool_pose" else None)
+    without = output_error(equations, {"y_ref": y}, q)
+    assert without[1:] == (pytest.approx(0.0, abs=1e-15), None)
+
+
+def test_modes_of_a_beam_bend_in_their_direction() -> None:
+    bendings = (Bending("z", 300.0, 2, 0.01), Bending("y", 500.0, 1, 0.02))
+    found = modal_beam(Beam(0.7, 2.0, bendings))
+    assert found.direction.tolist() == [[0, 0, 1], [0, 0, 1], [0, 1, 0]]
+    assert found.mass == pytest.approx(1.4)
+    assert found.s0 == pytest.approx(1.4 * 0.35) and found.j0 == pytest.approx(1.4 * 0.7**2 / 3)
+    first = 1.87510406871**4  # (beta L)^4 of a cantilever
+    omega = found.stiffness[0, 0] / found.m2[0, 0]
+    assert omega == pytest.approx(first * 300.0 / (2.0 * 0.7**4), rel=1e-6)
+
+
+@pytest.mark.parametrize(("drives", "side"), [(1, "arm"), (1, "motor"), (2, "arm"), (2, "motor")])
+@pytest.mark.parametrize("kind", ["torque", "angle"])
+def test_channels_of_the_arm_are_those_of_motors_by_their_ratio(drives: int, side: str, kind: str) -> None:
+    """Torques over the ratio, angles times it; a motor of several joints has none."""
+    motors = [Made(name="m1", drives=("q1", "q2")[:drives], ratio=(50.0, 2.0)[:drives])]
+    entry = {"motor": "m1", "name": "x", "unit": "u", "side": side}
+    table, model = Channel(entry), Made(motors=motors)
+    root: Any = Made(tables=lambda name: [table] if name == kind else [])
+    arguments: Any = (root, kind, {"u": 3.0}, model)
+    if side == "arm" and drives == 2:
+        with pytest.raises(ModelError, match="this motor drives several joints"):
+            description._channels(*arguments)
+        return
+    (found,) = description._channels(*arguments)
+    factor = {"torque": 1 / 50.0, "angle": 50.0}[kind] if side == "arm" else 1.0
+    assert found.factor == pytest.approx(3.0 * factor)
+
+
+class Channel:
+    """A table of a channel."""
+
+    def __init__(self, entry: dict[str, str]) -> None:
+        self.entry = entry
+
+    def only(self, *names: str) -> None:
+        assert set(self.entry) <= set(names)
+
+    def choice(self, key: str, among: Any) -> str:
+        assert self.entry[key] in among
+        return self.entry[key]
+
+    def number(self, key: str, default: float, **_: Any) -> float:
+        return default
+
+    def text(self, key: str, *_: Any, **__: Any) -> str:
+        return self.entry[key]
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.entry
+
+    def fail(self, key: str, expected: str) -> ModelError:
+        return ModelError("a.toml", 1, key, "x", expected)
