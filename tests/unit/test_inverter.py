@@ -73,7 +73,10 @@ def test_an_inverter_survives_pickling(answer):
     invert = pickle.loads(pickle.dumps(loaded(MODEL).invert))
     assert np.array_equal(invert(**given()).tau_m, answer.tau_m)
     assert copy.copy(invert) is invert and copy.deepcopy(invert) is invert
-    assert repr(invert).startswith("invert(y, dy, ddy")
+    assert repr(invert) == (
+        "invert(y, dy, ddy, *, period, q_start, n_pre=0, n_post=0, samples_per_interval=1, tolerance=1e-06, "
+        "hold='spline', delay=0, settled=0, growth=False)"
+    )
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.errors import ArgumentError
+from flexgen.identification import time_domain
 from flexgen.identification.experiments.excitation import motor_speeds, odd_lines, speed_amplitudes
 from flexgen.identification.motion_fit import fit_motion
 from flexgen.identification.recordings.recording_writer import RecordingWriter
@@ -129,3 +132,18 @@ def test_responses_in_words_have_their_relative_deviation() -> None:
     data = flexgen.frf(flexgen.measure(flexgen.excite("elbow", poses=[[0.5, -0.3]], period_s=1.0, lines=10)))
     data = replace(data, G=size + 0j, variance=(size * [[[[0.01]], [[0.03]], [[0.2]]]]) ** 2)
     assert text_of_responses(data).endswith("median standard deviation by noise: 3 %")
+
+
+@pytest.mark.parametrize(("experiments", "realizations", "several"), [(1, 1, False), (2, 1, True), (1, 2, True)])
+def test_parameters_are_validated_where_there_is_another_experiment(
+    experiments: int, realizations: int, several: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time_domain, "refine", lambda found, experiment, progress: f"{found} refined")
+    monkeypatch.setattr(time_domain, "validate", lambda fine, experiment: f"{fine} checked")
+    monkeypatch.setattr(time_domain, "validate_on_others", lambda fine, checked: (fine, checked))
+    given: Any = SimpleNamespace(plan=SimpleNamespace(experiments=experiments, realizations=realizations))
+    found: Any = "fit"
+    expected: Any = (
+        (("fit refined", "fit refined checked"), "fit refined checked") if several else ("fit refined", None)
+    )
+    assert time_domain.refine_and_validate(found, given) == expected

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from identification_cases import NOISY, poses_of, small_plan
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import eigh
 
 import flexgen
@@ -17,6 +19,7 @@ from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points as op
 from flexgen.identification.experiments import plan as plans
 from flexgen.identification.experiments.excitation import Plan
+from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.experiments.optimal_spectrum import optimal_power, with_optimal_spectrum
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.parameters import ParameterVector
@@ -72,6 +75,55 @@ def test_torques_of_the_loop_and_their_noise_are_those_of_each_line(planned: tup
         r = np.diag(plan.amplitudes[k] / (1j * at)) @ fourier
         U = np.linalg.solve(np.eye(2) - K @ (G[k, :2] * at) / at**2, K @ r)
         assert_allclose(found[k], U @ U.conj().T, rtol=1e-9)
+
+
+def test_files_of_plans_are_checked(planned: tuple[RobotModel, Plan]) -> None:
+    """Each array that does not fit, and numbers next to their bounds on both sides."""
+    plan = planned[1]
+    arrays, meta = plan.data()
+    sample_s, period = meta["hardware"]["sample_s"], meta["period_s"]
+    n = len(meta["motors"])
+    bad: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+        ({"poses": arrays["poses"][:, :1]}, {}, "poses: given the shape"),
+        ({"poses": arrays["poses"][:0]}, {}, "poses: given the shape"),
+        ({"amplitudes": arrays["amplitudes"][1:]}, {}, "amplitudes: given the shape"),
+        ({"phases": arrays["phases"][:, 1:]}, {}, "phases: given the shape"),
+        ({"position_gain": np.ones(n + 1)}, {}, "gain 0: given the shape"),
+        ({"speed_gain": np.ones((1, n))}, {}, "gain 1: given the shape"),
+        ({"integral_gain": np.ones(n - 1)}, {}, "gain 2: given the shape"),
+        ({}, {"period_s": 1.9 * sample_s}, "lines and period: expected lines below half of 2 to 10000000 samples"),
+        ({}, {"period_s": (10_000_000 + 1) * sample_s}, "lines and period"),
+        ({"lines": arrays["lines"] - arrays["lines"][0]}, {}, "lines and period"),
+        ({"lines": arrays["lines"] + round(period / sample_s / 2) - arrays["lines"][0]}, {}, "lines and period"),
+        ({}, {"periods": 0}, "periods, transients: expected at most 100000"),
+        ({}, {"periods": 100_001}, "periods, transients"),
+        ({}, {"transients": -1}, "periods, transients"),
+        ({}, {"transients": 100_001}, "periods, transients"),
+    ]
+    for changed, other, text in bad:
+        with pytest.raises(ValueError, match=text):
+            Plan.from_data({**arrays, **changed}, {**meta, **other})
+    for periods, transients in ((1, 0), (100_000, 100_000)):
+        found = Plan.from_data(arrays, meta | {"periods": periods, "transients": transients})
+        assert (found.periods, found.transients) == (periods, transients)
+    assert Plan.from_data(arrays, meta | {"period_s": 10_000_000 * sample_s}).period_s == 10_000_000 * sample_s
+    again, more = Plan.from_data(arrays, meta).data()
+    assert more == meta and all(np.array_equal(again[name], arrays[name]) for name in arrays)
+
+
+def test_a_reference_is_asked_for_by_pose_realization_and_experiment(planned: tuple[RobotModel, Plan]) -> None:
+    plan = planned[1]
+    some: Any = SimpleNamespace(plan=plan, references=None)
+    last = (len(plan.poses) - 1, plan.realizations - 1, plan.experiments - 1)
+    assert_allclose(Experiment.reference(some, *last), plan.poses[-1] + plan.reference(*last[1:]))
+    measured = np.random.default_rng(0).normal(size=(*(k + 1 for k in last), 4, plan.poses.shape[1]))
+    some.references = measured
+    assert_array_equal(Experiment.reference(some, *last), measured[last])
+    for k, name in enumerate(("pose", "realization", "experiment")):
+        for wrong in (-1, last[k] + 1):
+            at = [wrong if j == k else 0 for j in range(3)]
+            with pytest.raises(ArgumentError, match=f"{name}: given {wrong}, expected .*0 to {last[k]}"):
+                Experiment.reference(some, *at)
 
 
 def test_noise_of_outputs_has_the_power_of_its_kind() -> None:

@@ -199,6 +199,19 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
     assert_allclose(rigid_file.motions_of(data)[0].q, 1.0)
 
 
+def test_the_last_body_carries_the_payload() -> None:
+    """Mass, first and second moments about the joint add up."""
+    model = flexgen.read("elbow@rigid")
+    payload = Body(3.0, (0.1, -0.2, 0.3), ((0.4, 0.01, 0.0), (0.01, 0.5, 0.0), (0.0, 0.0, 0.6)))
+    plain, loaded = (Regressor(replace(model, payload=x)).of_model().reshape(-1, 10) for x in (Body(), payload))
+    assert_allclose(loaded[:-1], plain[:-1])
+    more = loaded[-1] - plain[-1]
+    c = np.array(payload.com)
+    second = np.array(payload.inertia) + 3.0 * (c @ c * np.eye(3) - np.outer(c, c))
+    assert more[0] == pytest.approx(3.0) and sorted(more[1:4]) == pytest.approx(sorted(3.0 * c))
+    assert sorted(more[4:]) == pytest.approx(sorted(second[np.triu_indices(3)]))
+
+
 def test_each_part_is_predicted_by_a_fit_to_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
     """The torques predict the mean of the samples that are fitted: the part itself is none of them."""
     motion = swung(flexgen.read("elbow@rigid"), 61)
