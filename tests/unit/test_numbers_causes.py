@@ -1,7 +1,8 @@
 """Faults of a record as changes of its responses, one by one; their words; poses and channels of recordings.
 
 Of `flexgen.identification.causes.hypotheses`, `flexgen.identification.recordings.experiment_file`,
-`flexgen.identification.recordings.description`, `flexgen.simulation.result`, `flexgen.mechanics.beam`.
+`flexgen.identification.recordings.description`, `flexgen.simulation.result`, `flexgen.mechanics.beam`,
+`flexgen.analysis.gear_changes`, `flexgen.identification.causes.explain`.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import least_squares
 
+from flexgen.analysis.gear_changes import Linearization, fit_changes
 from flexgen.errors import ModelError
 from flexgen.identification.causes import hypotheses
+from flexgen.identification.causes.explain import Cause
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.recordings import description, experiment_file
 from flexgen.mechanics.beam import modal_beam
@@ -109,6 +113,7 @@ def test_faults_are_told_with_their_size_and_direction() -> None:
     assert hypotheses._say_delay(2.5e-3) == "torques that act 2.5 ms later than stated"
     assert hypotheses._say_delay(-1e-3) == "torques that act 1 ms earlier than stated"
     assert hypotheses._say_value("friction", 2.0, "N m")(0.25) == "friction of 0.5 N m"
+    assert str(Cause("a wrong mass", 0.625, 1.0)) == "a wrong mass explains 62 % of the misfit"
 
 
 @pytest.mark.parametrize(("joint", "key", "factor"), [("rad", "pose_deg", math.pi / 180), ("rad", "pose_rad", 1.0)])
@@ -218,3 +223,36 @@ class Channel:
 
     def fail(self, key: str, expected: str) -> ModelError:
         return ModelError("a.toml", 1, key, "x", expected)
+
+
+def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
+    """With much noise they are zero with the covariance of the prior; else the least squares of an own program."""
+    rng = np.random.default_rng(4)
+
+    def of(*shape: int) -> np.ndarray:
+        return 0.1 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
+
+    model = Linearization(
+        w=np.geomspace(2.0, 50.0, 12), G=of(2, 12, 1, 1), L=of(2, 12, 1, 2), S=of(2, 12, 2, 2), P=of(2, 12, 2, 1),
+        stiffness=np.array([3.0]), inertia=np.array([0.2]),
+    )  # fmt: skip
+    x, h = np.array([0.3, -0.1, 0.2, 0.5]), 1e-6
+    assert model.frequency == pytest.approx(10.0)
+    assert_allclose(model.prior, [2.0, 0.5, 0.5, 5.0])
+    assert_allclose(model.units, [[3.0], [3.0], [0.3], [2.0]])
+    for k in range(4):
+        high, low = (model.response(1, x + s * h * np.eye(4)[k]) for s in (1, -1))
+        assert_allclose(model.derivative(1, x)[..., k], (high - low) / (2 * h), rtol=1e-5, atol=1e-8)
+    G = model.response(1, x)
+    loud = fit_changes(model, 1, G, np.full(G.shape, 1e12), x)
+    assert_allclose(loud.x, 0.0, atol=1e-6)
+    assert_allclose(loud.covariance, np.diag(model.prior**2) / 2, rtol=1e-6, atol=1e-9)
+    variance = np.full(G.shape, 1e-2)
+    found = fit_changes(model, 1, G, variance, np.zeros(4))
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        away = (model.response(1, x) - G) / np.sqrt(variance + 1e-6 * np.abs(G) ** 2)
+        return np.concatenate([away.real.ravel(), away.imag.ravel(), x / [2.0, 0.5, 0.5, 5.0]])
+
+    assert_allclose(found.x, least_squares(residual, np.zeros(4), xtol=1e-12).x, rtol=1e-3, atol=1e-4)
+    assert found.distortion == 0.0
