@@ -90,6 +90,7 @@ def cases() -> dict[str, Callable[[Path], Any]]:
     found["simulink"] = lambda folder: flexgen.export_simulink(name, folder / "simulink")
     found["ros2"] = lambda folder: flexgen.export_ros2("elbow", folder / "ros2", package="my_arm")
     found["self test"] = lambda folder: flexgen.export_selftest("elbow", folder / "selftest")
+    found["self test, single"] = lambda folder: flexgen.export_selftest("elbow", folder / "single", precision="single")
     return found
 
 

@@ -105,6 +105,9 @@ def resting(trajectory: Trajectory) -> Trajectory:
 def linearized() -> Iterator[tuple[str, Callable[[], Any]]]:
     """Pictures of poles, zeros and responses."""
     yield "elbow poles", lambda: linear.pole_zero_map(analysis("elbow"))
+    poles = np.array([-3 + 4j, -3 - 4j, -1e6, -1.000001e6, 2e6j])
+    far = Made(model=Made(title="Arm"), poles=poles, zeros=Made(zeros=np.array([5.0, -2e7])), zeros_motor=None)
+    yield "poles and zeros far away", lambda: linear.pole_zero_map(far)
     for name in ("planar5_nmp", "four_mass"):
         yield f"{name} analysis", functools.partial(lambda name: linear.plot_analysis(analysis(name)), name)
     model = derived("planar5_nmp").model
