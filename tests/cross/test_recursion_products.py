@@ -12,6 +12,8 @@ import flexgen
 from flexgen.codegen.spec import choose_functions
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import DIFFERENTIATED, offered_functions, split_product
+from flexgen.model.reader import read
+from flexgen.recursion import products
 from flexgen.recursion.functions import recursive_function
 from flexgen.recursion.tape import Tape
 
@@ -202,3 +204,20 @@ def test_emitted_products_equal_emitted_derivatives(tmp_path, parameters) -> Non
         assert np.abs(gradient - np.einsum("kij,ki->kj", J, w)).max() <= EXACT * np.abs(J).max() * 3
     one = library.inverse_dynamics_jvp(**{k: v[7] for k, v in (x | dx | more).items()})
     assert np.array_equal(one, found[7])
+
+
+def test_products_have_recursions_of_their_own_where_no_parameter_changes_the_function(monkeypatch) -> None:
+    """Else they are the derivatives of the function, and none where it has no recursion."""
+    general: list[str] = []
+    monkeypatch.setattr(products, "of_function", lambda arm, function, product: general.append(function.name()))
+    plain, varied = Equations(read("elbow")), Equations(read("elbow"), ("payload",))
+    for name in products.BUILDERS:
+        recursive_function(plain, f"{name}_jvp")
+    assert general == []
+    known = [name for name in products.BUILDERS if recursive_function(varied, name) is not None]
+    changed = [name for name in known if "parameters" in recursive_function(varied, name).name_in()]  # type: ignore[union-attr]
+    for name in products.BUILDERS:
+        recursive_function(varied, f"{name}_vjp")
+    assert changed and len(general) == len(changed)
+    general.clear()
+    assert recursive_function(Equations(read("beam_arm")), "mass_matrix_jvp") is None and general == []

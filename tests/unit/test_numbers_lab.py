@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -462,3 +463,27 @@ def test_a_step_with_a_soft_output_weighs_its_error_by_the_softness(monkeypatch:
     found = system.step(y, tau)
     assert_allclose(found[0].ravel(), (x[: y.size].reshape(y.shape) * system.scale_y).ravel(), rtol=1e-5, atol=1e-7)
     assert_allclose(found[1].ravel(), (x[y.size :].reshape(tau.shape) * system.tau_0).ravel(), rtol=1e-5, atol=1e-6)
+
+
+def test_an_integration_that_fails_is_tried_again_and_named_by_its_last_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last line of the error of IDAS, the instant, and the tolerance of the last attempt."""
+    tolerances: list[float] = []
+
+    def fail(name: str, solver: str, system: Any, begin: float, times: list[float], options: dict[str, Any]) -> Any:
+        tolerances.append(options["reltol"])
+        raise RuntimeError(f"in {name}\nIDA_CONV_FAIL at {len(tolerances)}\n")
+
+    monkeypatch.setattr(reduced.ca, "integrator", fail)
+    choice: Any = SimpleNamespace(states=(0,), algebraic=(1,), rates=(0,))
+    dummies: Any = SimpleNamespace(
+        system=lambda Y, given: (None, ca.DM.eye(2)), index_one=lambda choice: lambda s, z, given: (s, z)
+    )
+    given: Any = (dummies, choice, lambda time: 0, np.ones(2), np.ones(2), np.linspace(0.25, 1.0, 7), 1e-6)
+    with pytest.raises(SolverError) as caught:
+        reduced._states(*given)
+    factors = [factor for _, factor in reduced.RETRIES]
+    assert tolerances == [1e-6 * factor for factor in factors]
+    assert str(caught.value) == (
+        f"method reduced: IDAS failed after t = 0.25 s with a tolerance of {1e-6 * factors[-1]:.0e}: "
+        f"IDA_CONV_FAIL at {len(factors)}; try lq or bdf"
+    )

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.planning import problem as problem_module
+from flexgen.planning.transcribe import Layout
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +71,25 @@ def planar():
 def test_bad_input_is_refused(planar, call, text):
     with pytest.raises(ArgumentError, match=text):
         call(flexgen.plan_problem(planar, mesh=5))
+
+
+@pytest.mark.parametrize("more", [-1, 0, 1])
+def test_a_warm_start_has_the_size_of_the_problem(planar, more, monkeypatch):
+    problem = flexgen.plan_problem(planar, mesh=5)
+    size = Layout(tuple(problem.phases), ()).size
+    problem._warm, problem._warm_x = SimpleNamespace(x=np.zeros(size + more)), "where the last one ended"
+
+    def program(layout, scale, start, exact, compiled):
+        raise StopIteration(start)
+
+    monkeypatch.setattr(problem_module, "scales", lambda layout, parameters, start: 1.0)
+    monkeypatch.setattr(problem, "_program", program)
+    if more == 0:
+        with pytest.raises(StopIteration, match="where the last one ended"):
+            problem.solve(warm=True)
+    else:
+        with pytest.raises(ArgumentError, match="no solution of a problem of this size"):
+            problem.solve(warm=True)
 
 
 @pytest.mark.parametrize(
