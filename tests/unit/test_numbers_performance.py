@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from measured_numbers import check_numbers
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import linprog
 from scipy.signal import butter, filtfilt
@@ -19,7 +20,7 @@ from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw
-from flexgen.performance import learn, payload, time_search
+from flexgen.performance import learn, payload, residual_vibration, time_search
 from flexgen.performance.minimum_time import _limits_of
 from flexgen.performance.payload import identify_load
 from flexgen.performance.rigid_time import _accelerate, _extreme, _time
@@ -472,3 +473,17 @@ def test_less_vibration_takes_the_shortest_of_the_longer_durations() -> None:
     assert worst == pytest.approx((1 + 20 * 0.09) / 10)
     x, worst = calming(1e-3)._calmest(np.array([1.0, 0.2]))
     assert x[1] == pytest.approx(0.5, abs=0.05) and worst == pytest.approx(1000.0, rel=0.05)
+
+
+def test_vibrations_after_a_move_are_those_of_robots_with_other_springs() -> None:
+    """Of `flexgen.performance.residual_vibration`: the static part is left out; without motion there is none."""
+    solution = flexgen.solve("planar5_nmp", verify=False, progress=False)
+    made = residual_vibration.ResidualVibration(derive("planar5_nmp"), lambda line: None)
+    found = made(solution.trajectory, solution.move.duration)
+    assert found.shape == (2, 200, 2)
+    late = slice(150, None)
+    assert np.abs(found[:, late].mean(axis=1)).max() < 0.1 * np.abs(found).max()
+    check_numbers("vibration", 1e-4, found=found, rate=made._rate)
+    channels = {name: np.repeat(x[:1], 3, axis=0) for name, x in solution.trajectory.channels.items()}
+    rest = replace(solution.trajectory, time=np.array([0.0, 0.5, 1.0]), channels=channels)
+    assert np.abs(made(rest, 1.0)).max() < 1e-3 * np.abs(found).max()
