@@ -932,3 +932,25 @@ def test_a_run_that_fails_has_infinite_errors() -> None:
 
     run._integrate = fail
     assert set(run.figures().values()) == {np.inf} and len(run.figures()) == 9
+
+
+@pytest.mark.parametrize("moments", [False, True])
+def test_figures_of_a_force_are_largest_sizes_of_its_parts(moments: bool) -> None:
+    made = object.__new__(ControlRun)
+    force, assumed = np.zeros((3, 6)), np.zeros((3, 6))
+    force[:, :3] = [[3.0, 4.0, 12.0], [0.0, 0.0, 5.0], [1.0, 2.0, 2.0]]
+    assumed[:, :3] = [[3.0, 4.0, 0.0], [0.0, 0.0, 5.0], [1.0, 2.0, 2.0]]
+    if moments:
+        force[1, 3:] = [0.0, 8.0, 6.0]
+    reference = SimpleNamespace(motion={result.CHANNEL: assumed}, time=np.zeros(3))
+    vars(made).update(force=force, reference=reference)
+    found = {"force_max_N": 13.0, "assumed_force_max_N": 5.0, "force_error_max_N": 12.0}
+    lines = ["force of the process up to 13 N, in the feedforward up to 5 N, difference up to 12 N"]
+    if moments:
+        found |= {"force_max_Nm": 10.0, "assumed_force_max_Nm": 0.0, "force_error_max_Nm": 10.0}
+        lines.append("moment of the process up to 10 N m, in the feedforward up to 0 N m, difference up to 10 N m")
+    assert made.force_figures() == found and made.force_lines() == tuple(lines)
+    vars(made).update(force=None)
+    assert made.force_figures() == {} and made.force_lines() == ()
+    vars(made).update(reference=SimpleNamespace(motion={}, time=np.zeros(4)))
+    assert made.assumed_force.shape == (4, 6) and not made.assumed_force.any()

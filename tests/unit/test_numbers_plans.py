@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 from types import SimpleNamespace
 from typing import Any
 
@@ -218,6 +219,26 @@ def test_the_best_poses_are_those_of_all_pairs() -> None:
         op.choose(F, 8, vector, "A")
     with pytest.raises(ArgumentError, match=r"criterion: given 'random', expected one of A, D, random"):
         op.choose(F, 2, vector, "random")
+
+
+@pytest.mark.parametrize("criterion", ["A", "D"])
+def test_no_exchange_of_one_pose_helps(criterion: str) -> None:
+    """Of draws in which the greedy choice and one round of exchanges end elsewhere."""
+    names = ["q1.stiffness", "q2.stiffness", "q3.stiffness", "q1.damping", "q2.damping"]
+    vector = ParameterVector(flexgen.read("planar5_nmp"), names)
+
+    def cost(F: np.ndarray, chosen: Sequence[int]) -> float:
+        C = np.linalg.inv(F[list(chosen)].sum(axis=0) + np.diag(vector.prior_sd**-2.0))
+        return float(np.trace(C) if criterion == "A" else np.linalg.slogdet(C)[1])
+
+    for seed in (0, 8, 14, 53, 100, 124):
+        roots = np.random.default_rng(seed).normal(size=(14, 5, 1)) * 10.0 ** np.arange(-1, 4)[:, None]
+        F = roots @ roots.swapaxes(-1, -2)
+        found = op.choose(F, 5, vector, criterion)
+        best = cost(F, found)
+        for k, other in product(range(5), set(range(14)) - set(found)):
+            swapped = [*found[:k], other, *found[k + 1 :]]
+            assert cost(F, swapped) > best - 1e-8 * abs(best)
 
 
 def test_candidates_fill_the_limits_of_the_joints() -> None:
