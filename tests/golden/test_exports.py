@@ -78,6 +78,12 @@ def cases() -> dict[str, Callable[[Path], Any]]:
             n, folder / f"{n}.xml", friction=f
         )
         found[f"urdf {name}"] = lambda folder, n=name: flexgen.export_urdf(n, folder / f"{n}.urdf")
+    load = {"mass": 2.0, "com": [0.1, 0.0, 0.0], "inertia": [0.0, 0.5, 0.0], "inertia_reduced": True}
+    loaded = flexgen.read("elbow", overrides={"payload": load})
+    found["urdf with a payload"] = lambda folder: flexgen.export_urdf(loaded, folder / "loaded.urdf")
+    found["ros2 with forces"] = lambda folder: flexgen.export_ros2(
+        "elbow", folder / "pushed", package="my_arm", parts=("force",)
+    )
     source = functools.partial(flexgen.export_fmu, binary=False, progress=False)
     name = "planar5_nmp"
     found["fmu plant"] = lambda folder: source("elbow", folder / "a.fmu")
