@@ -197,10 +197,14 @@ def test_joint_stiffness_and_damping_are_those_of_the_motors() -> None:
     assert D[:, 2:] == pytest.approx(0.5 * inverse.T)
 
 
-def test_a_frequency_is_that_of_each_joint_alone_with_stiff_springs() -> None:
-    """K = w^2 M of each joint, and 2 zeta times the critical damping of the mechanism of the motors."""
+@pytest.mark.parametrize("gain", [0.0, 0.5])
+def test_a_frequency_is_that_of_each_joint_alone_with_stiff_springs(gain: float) -> None:
+    """K = w^2 M of each joint, and 2 zeta times the critical damping of the mechanism of the motors.
+
+    Feedback of the torques makes rotors smaller by 1 + gain.
+    """
     model = flexgen.read("elbow")
-    law = flexgen.Impedance(frequency_hz=7.0, damping_ratio=0.6)
+    law = flexgen.Impedance(frequency_hz=7.0, damping_ratio=0.6, torque_gain=gain)
     motion = [np.zeros((1, 2)) for _ in range(7)]
     K, D = (x[0] for x in law._of_motors(model, motion))
     equations = flexgen.derive(model)
@@ -209,7 +213,8 @@ def test_a_frequency_is_that_of_each_joint_alone_with_stiff_springs() -> None:
     inertia = with_motors.T @ M @ with_motors
     assert model.eta.T @ K @ model.eta == pytest.approx((14 * np.pi) ** 2 * np.diag(np.diag(inertia)), rel=1e-9)
     inverse = np.linalg.inv(model.eta)
-    values, vectors = eigh(K, inverse.T @ inertia @ inverse)
+    rotors = np.diag([motor.inertia for motor in model.motors])
+    values, vectors = eigh(K, inverse.T @ inertia @ inverse - rotors + rotors / (1.0 + gain))
     modal = vectors.T @ D @ vectors
     assert np.diag(modal) == pytest.approx(2 * 0.6 * np.sqrt(values), rel=1e-6)
 
@@ -223,11 +228,18 @@ def test_a_frequency_is_that_of_each_joint_alone_with_stiff_springs() -> None:
         ({"damping": (1.0,)}, "damping: given 1 numbers, expected none"),
         ({"damping_ratio": 0.0}, "damping_ratio: given 0.0"),
         ({"torque_gain": -0.1}, "torque_gain: given -0.1"),
+        ({"torque_gain": 100.1}, "torque_gain: given 100.1, expected 0 to 100"),
+        ({"tool_stiffness": (1.0,) * 7}, "tool_stiffness: given 7 numbers, expected 3"),
+        ({"frequency_hz": 1.001e5}, "frequency_hz: given 100100.0, expected more than 0, at most 1e5"),
+        ({"tool_stiffness": (1.0,) * 6, "damping": (1.0,) * 3}, "damping: given 3 numbers, expected 6 numbers"),
     ],
 )
 def test_wrong_numbers_are_refused(given: dict[str, Any], text: str) -> None:
     with pytest.raises(ArgumentError, match=text):
         flexgen.Impedance(**given)
+    made = flexgen.Impedance(tool_stiffness=(1.0,) * 6, damping=(0.0,) * 6, torque_gain=100, frequency_hz=1e5)
+    assert made.title == "impedance at the tool, torque feedback 100"
+    assert flexgen.Impedance(joint_stiffness=(0.0,)).title == "impedance at the joints"
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from flexgen.benchmarks import tune
+from flexgen.benchmarks import scenario_file, tune
 from flexgen.benchmarks.bench import Bench, _disturbances, _outputs
 from flexgen.benchmarks.content import content_hash
 from flexgen.benchmarks.draws import FIRST_K, Draw, _draw_runs, _uniform
@@ -398,6 +398,16 @@ def test_starts_run_here_unless_there_are_several_workers_or_an_executor(
     monkeypatch.setattr(tune, "TuningResult", lambda *parts: parts)
     assert tune.tune("four_mass", **given)[4] == 5 * given.get("starts", 1)
     assert set(routes) == {route}
+
+
+def test_versions_are_those_of_the_scenario_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = {key: value for key, value in scenario_file.FROZEN.items() if key[0] == "four_mass"}
+    monkeypatch.setattr(scenario_file, "FROZEN", known | {("other", 7): ("", "")})
+    versions = ", ".join(str(number) for _, number in known)
+    for given in ({"version": 7}, {"version": 0}):
+        with pytest.raises(ArgumentError, match=f"version of four_mass: given .*, expected one of {versions}$"):
+            scenario("four_mass", **given)
+    assert scenario("four_mass").version == max(number for _, number in known)
 
 
 @pytest.mark.parametrize(("size", "read"), [(0, True), (2**20 - 1, True), (2**20, False), (-1, False)])

@@ -3,7 +3,8 @@
 Of `flexgen.atomic_files`, `flexgen.npz_files`, `flexgen.spec.toml_lines`, `flexgen.library.object_cache`,
 `flexgen.inverse_kinematics.targets`, `flexgen.exports.mujoco`, `flexgen.identification.graybox`,
 `flexgen.lab.initial_value`, `flexgen.servo.fit_result`, `flexgen.benchmarks.bench`, `flexgen.analysis.amplitude`,
-`flexgen.exports.mujoco_inertia`, `flexgen.performance.smoother`, `flexgen.codegen.digest`.
+`flexgen.exports.mujoco_inertia`, `flexgen.performance.smoother`, `flexgen.codegen.digest`,
+`flexgen.exports.urdf`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from flexgen import atomic_files, npz_files
 from flexgen.analysis import amplitude
 from flexgen.benchmarks import bench
 from flexgen.codegen import digest
-from flexgen.exports import mujoco, mujoco_inertia
+from flexgen.exports import mujoco, mujoco_inertia, urdf
 from flexgen.identification import graybox
 from flexgen.inverse_kinematics import targets
 from flexgen.lab import initial_value
@@ -230,3 +231,21 @@ def test_digests_leave_out_newer_numbers_that_a_model_does_not_have() -> None:
     assert "temperature=31.5" in digest._canonical(replace(model, temperature=31.5))
     assert digest._canonical({"a": (1, 2.5), "b": ["x"]}) == "{'a': [1, 2.5], 'b': ['x']}"
     assert "name=" not in digest._canonical(motor, ("name",)) and "name=" in digest._canonical(motor)
+
+
+@pytest.mark.parametrize(
+    ("stem", "taken", "name"),
+    [
+        ("link", (), "link"),
+        ("link", ("link",), "link2"),
+        ("link", ("link", "link2", "link3"), "link4"),
+        ("base", (), "base2"),
+        ("a" * 27, (), "a" * 27),
+        ("a" * 28, (), "a" * 27),
+        ("a" * 28, ("a" * 27,), "a" * 24 + "2"),
+        ("a" * 26 + "_x", (), "a" * 26),
+        ("a__b", (), "a_b"),
+    ],
+)
+def test_new_names_of_links_are_short_and_not_taken(stem: str, taken: tuple[str, ...], name: str) -> None:
+    assert urdf._new_name(stem, taken) == name

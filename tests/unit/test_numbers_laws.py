@@ -14,12 +14,13 @@ from scipy.linalg import expm, solve_discrete_are
 import flexgen
 from flexgen.environment.disturbances import Disturbance
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.laws import bound, chain, loop_shaping, motor_laws, stability, study
+from flexgen.laws import bound, chain, linearising, loop_shaping, motor_laws, stability, study
 from flexgen.laws.linearising import ComputedTorque, FeedbackLinearisation, check_frequency
 from flexgen.laws.lq import LQG, regulator, torque_scale
 from flexgen.laws.state_lq import LQ
 from flexgen.loop.channels import channels_of
 from flexgen.loop.interface import Measurement, Reference
+from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
 from flexgen.loop.timing import Timing
 from flexgen.mechanics.equations import derive
@@ -597,3 +598,18 @@ def test_laws_of_a_study_and_its_disturbances(monkeypatch: pytest.MonkeyPatch) -
         flexgen.feedback_study(tunings=1)
     with pytest.raises(ArgumentError, match=r"torque_noise 0\.0"):
         flexgen.feedback_study(torque_noise=0.0)
+
+
+def test_gains_of_an_elastic_joint_are_those_of_four_integrators(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the torque to the joint; the frequency and whether an unstable loop is allowed are those of the law."""
+
+    def gains(*given: object) -> None:
+        raise StopIteration(given)
+
+    monkeypatch.setattr(linearising, "stable_gains", gains)
+    motion = object.__new__(LawMotion)
+    vars(motion).update(model=flexgen.read("elbow"), timing=lambda predict: f"timing {predict}")
+    law = FeedbackLinearisation(7.0)
+    with pytest.raises(StopIteration) as caught:
+        law.bound(motion)
+    assert caught.value.value == (7.0, 4, law.form, f"timing {law.predict}", law.allow_unstable)
