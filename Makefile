@@ -135,6 +135,7 @@ golden: $(VENV)/.installed         ## write generated/elbow, the stub and tests/
 	$(BIN)/python tests/golden/test_model_files.py
 	$(BIN)/python tests/golden/test_pictures.py
 	$(BIN)/python tests/golden/test_pages.py
+	$(BIN)/python tests/golden/test_printed_results.py
 	$(BIN)/python tests/golden/test_path_texts.py
 	$(BIN)/python tests/golden/test_exports.py
 	$(BIN)/python tests/support/key_page.py
