@@ -155,6 +155,7 @@ def lines(name: str) -> list[str]:
     out = [*repr(found).splitlines(), *str(found).splitlines(), f"problem: {getattr(found, 'problem', '')}"]
     if isinstance(found, Calibration):
         out += text_of_calibration(found).splitlines()
+    out += [f"{name}: {text}" for name, text in (found._rows() if hasattr(found, "_rows") else ())]
     figures = [f"{key}: {json.dumps(value, sort_keys=True, default=str)}" for key, value in found.to_dict().items()]
     return [line.rstrip() for line in [*out, *figures]]
 
