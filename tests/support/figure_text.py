@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
 from matplotlib.ticker import AutoLocator, FixedLocator
 
 
@@ -59,6 +60,9 @@ def of_legend(legend: Legend | None) -> Iterator[str]:
         place = f"{legend._loc} at {row(corner)} columns {legend._ncols}"
         place += f" spacing {legend.columnspacing:g} {legend.handletextpad:g} scale {legend.markerscale:g}"
         yield f"  legend {place} {title} frame {legend.get_frame_on()}: {texts}"
+        lines = [handle for handle in legend.legend_handles if isinstance(handle, Line2D)]
+        if lines:
+            yield f"    drawn as {' | '.join(map(style, lines))}"
 
 
 def of_axes(ax: Axes) -> Iterator[str]:

@@ -16,22 +16,28 @@ from pathlib import Path
 from types import SimpleNamespace as Made
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.special import erfc
 
 import flexgen
 from flexgen import atomic_files, npz_files
-from flexgen.analysis import amplitude
+from flexgen.analysis import amplitude, solvability
 from flexgen.benchmarks import bench
 from flexgen.codegen import digest
+from flexgen.cuda.inversion import CudaManyInverter
+from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports import mujoco, mujoco_inertia, urdf
 from flexgen.identification import graybox
+from flexgen.identification.local_model import LocalModel
 from flexgen.inverse_kinematics import targets
 from flexgen.lab import initial_value
-from flexgen.library import object_cache
+from flexgen.library import compiler, object_cache
+from flexgen.numerics.tableaus import gauss
 from flexgen.performance import smoother
 from flexgen.performance.smoother import PathSmoother
+from flexgen.planning import model_limits
 from flexgen.servo.fit_result import ServoFit
 from flexgen.spec import toml_lines
 from flexgen.spec.toml_lines import TextError
@@ -249,3 +255,121 @@ def test_digests_leave_out_newer_numbers_that_a_model_does_not_have() -> None:
 )
 def test_new_names_of_links_are_short_and_not_taken(stem: str, taken: tuple[str, ...], name: str) -> None:
     assert urdf._new_name(stem, taken) == name
+
+
+def test_rates_of_torques_are_bounded_at_both_ends_of_each_interval() -> None:
+    """Of `flexgen.planning.model_limits`: torques that are polynomials of second order have known slopes there."""
+    mesh = gauss_mesh(np.array([0.5, 0.25]))
+    begin, c = np.array([0.0, 0.5]), mesh.table.c
+    t = (begin[:, None] + mesh.h[:, None] * c).ravel()
+    tau = np.stack([3.0 * t**2 - t, 7.0 * t])
+    seen: list[tuple[Any, float, float]] = []
+    phase: Any = Made(
+        mesh=mesh, number=0, continuous_torque=lambda: None,
+        nodes=lambda name: ca.DM(tau) if name == "tau_m" else ca.DM([0.0, 0.5, 0.75]),
+        subject_to=lambda value, low, high, name: seen.append((value, low, high)),
+    )  # fmt: skip
+    model_limits._bound_rates(phase, np.array([2.0, np.inf]), True)
+    slopes = 6.0 * np.array([0.0, 0.5, 0.5, 0.75]) - 1.0
+    assert [np.array(value).ravel() == pytest.approx(sign * slopes - 0.75 * 2.0) for value, sign in
+            zip((x[0] for x in seen), (1, -1), strict=True)] == [True, True]  # fmt: skip
+    assert [x[1:] for x in seen] == [(-np.inf, 0.0)] * 2
+    phase.number = 1
+    with pytest.raises(ArgumentError, match="one phase: between two the torque jumps"):
+        model_limits._bound_rates(phase, np.array([2.0, np.inf]), True)
+
+
+def gauss_mesh(h: np.ndarray) -> Any:
+    """Two intervals with three nodes each."""
+    return Made(table=gauss(3), s=3, N=len(h), h=h)
+
+
+def test_deflections_have_the_spectrum_of_the_torques_that_drives_give() -> None:
+    """Of `LocalModel.deflection_sd`: line by line, amplitude by amplitude, in the time domain."""
+    rng = np.random.default_rng(8)
+
+    def of(*shape: int) -> np.ndarray:
+        return rng.normal(size=shape)
+
+    M, D, K, B = np.eye(3) + 0.1 * np.diag(of(3)) ** 2, 0.1 * np.eye(3), np.diag([5.0, 7.0, 9.0]), of(3, 2)
+    rows, w, U = of(2, 3), np.array([0.7, 1.9]), of(1, 2, 2, 1) + 1j * of(1, 2, 2, 1)
+    model: Any = Made(
+        matrices=lambda *_: tuple(x[None] for x in (M, D, K, B)), springs=(0, 1), deflection_rows=rows,
+        model=Made(n_m=2),
+    )  # fmt: skip
+    drive: Any = Made(transfer=lambda w, n_m: np.outer(1 / w, [2.0, 3.0]) * (1 + 0.5j))
+    name = next(k for k, x in vars(LocalModel).items() if callable(x) and "UU" in getattr(x, "__annotations__", {}))
+    found = getattr(LocalModel, name)(model, np.zeros(1), np.zeros((1, 2)), w, drive, U @ U.conj().swapaxes(-1, -2))
+    power = np.zeros(2)
+    for k in range(2):
+        torque = drive.transfer(w, 2)[k] * U[0, k, :, 0]
+        x = rows @ np.linalg.solve(-(w[k] ** 2) * M + 1j * w[k] * D + K, B @ torque)
+        power += np.abs(x) ** 2 / 2
+    assert found[0] == pytest.approx(np.sqrt(power))
+
+
+@pytest.mark.parametrize(("problems", "own"), [({"y": 5}, "y"), ({"parameters": 4, "q_start": 4}, "q_start"), ({}, "")])
+def test_problems_of_a_card_are_as_many_in_each_array(problems: dict[str, int], own: str) -> None:
+    """Of `flexgen.cuda.inversion`: paths, parameters or begins, one of each or one for each problem."""
+    shapes = {"y": (9, 3), "dy": (9, 3), "ddy": (9, 3), "q_start": (2,), "parameters": (6,)}
+    asked: dict[str, tuple[Any, ...]] = {}
+    given: dict[str, Any] = {}
+    for name, shape in shapes.items():
+        many = problems.get("y" if name in ("dy", "ddy") else name)
+        full = shape if many is None else (many, *shape)
+        given[name] = Made(shape=full, demand=lambda like, real, order, name=name: asked.update({name: like}))
+    sizes = {"n_t": 3, "n_y": 3, "n_a": 2}
+    made: Any = Made(_inverter=Made(_sizes=sizes, _real=float, _parameters=np.zeros(6)))
+    if not problems:
+        with pytest.raises(ArgumentError, match="given one path, one q_start and one set of parameters, expected the"):
+            CudaManyInverter._demand(made, given)
+        return
+    found, count = CudaManyInverter._demand(made, given)
+    assert count == next(iter(problems.values()))
+    for name in ("path", "parameters", "q_start"):
+        assert found[f"own_{name}"] == int(("y" if name == "path" else name) in problems)
+    assert asked["dy"] == given["y"].shape and asked["parameters"][-1] == 6 and own in problems
+    given["q_start"] = Made(shape=(count + 1, 2), demand=lambda *_: None)
+    with pytest.raises(ArgumentError, match=f"{count + 1} of q_start.*, expected the same"):
+        CudaManyInverter._demand(made, given)
+
+
+@pytest.mark.parametrize(("fails", "target"), [((), True), ((1,), False), ((1, 2), None)])
+def test_a_compiler_for_another_processor_has_its_own_default(
+    fails: tuple[int, ...], target: bool | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of `flexgen.library.compiler`: without -march=native where that fails, and refused where it fails then, too."""
+    calls: list[list[str]] = []
+
+    def output(command: Any, text: str, folder: Any = None) -> Any:
+        if "--version" in command:
+            return Made(stdout="cc 1.0\nmore", returncode=0)
+        calls.append(list(command))
+        return Made(stdout=" ".join(compiler._WORLD), stderr="no such processor", returncode=int(len(calls) in fails))
+
+    monkeypatch.setattr(compiler, "_output", output)
+    monkeypatch.setattr(compiler, "_choose_command", lambda: ["cc"])
+    monkeypatch.setattr(compiler, "_packaged_compiler", lambda: None)
+    find = compiler._find_compiler.__wrapped__
+    if target is None:
+        with pytest.raises(BuildError, match="which fails:\n  no such processor"):
+            find(False, False, "native", None, None, None)
+        return
+    found = find(False, False, "native", None, None, None)
+    assert ("-march=native" in found.flags) is target and len(calls) == 1 + len(fails)
+
+
+def test_the_tool_of_translations_is_in_units_of_the_reach() -> None:
+    """Of `flexgen.analysis.solvability`: a length over a length, an angle times the reach."""
+    coordinates = [Made(unit="rad"), Made(unit="m")]
+    model: Any = Made(output=Made(size=6, type="tool_pose"), coordinates=coordinates, i_g=(0, 1))
+    arm: Any = Made(W_g=np.ones((1, 6, 2)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solvability, "reach", lambda equations: 0.5)
+        found = solvability._tool(Made(model=model), arm)[0]  # type: ignore[arg-type]
+        assert found[:3] == pytest.approx(np.array([[2.0, 1.0]] * 3))
+        assert found[3:] == pytest.approx(np.array([[1.0, 0.5]] * 3))
+        model.output = Made(size=1, type="combination")
+        assert solvability._tool(Made(model=model), Made(W_g=np.ones((1, 1, 2))))[0] == pytest.approx(  # type: ignore[arg-type]
+            np.array([[1.0, 0.5]])
+        )
