@@ -9,8 +9,11 @@ Of `flexgen.atomic_files`, `flexgen.npz_files`, `flexgen.spec.toml_lines`, `flex
 
 from __future__ import annotations
 
+import ast
 import os
+import threading
 import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace as Made
@@ -22,7 +25,7 @@ import pytest
 from scipy.special import erfc
 
 import flexgen
-from flexgen import atomic_files, npz_files
+from flexgen import atomic_files, npz_files, verb_parameters
 from flexgen.analysis import amplitude, solvability
 from flexgen.benchmarks import bench
 from flexgen.codegen import digest
@@ -38,6 +41,7 @@ from flexgen.numerics.tableaus import gauss
 from flexgen.performance import smoother
 from flexgen.performance.smoother import PathSmoother
 from flexgen.planning import model_limits
+from flexgen.runtime import stream
 from flexgen.servo.fit_result import ServoFit
 from flexgen.spec import toml_lines
 from flexgen.spec.toml_lines import TextError
@@ -373,3 +377,40 @@ def test_the_tool_of_translations_is_in_units_of_the_reach() -> None:
         assert solvability._tool(Made(model=model), Made(W_g=np.ones((1, 1, 2))))[0] == pytest.approx(  # type: ignore[arg-type]
             np.array([[1.0, 0.5]])
         )
+
+
+@pytest.mark.parametrize("call", ["update", "limit", "set_parameters", "set_force"])
+def test_a_stream_takes_one_call_at_a_time(call: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of `flexgen.runtime.stream`: a second one is refused at once, not kept waiting."""
+    made = object.__new__(stream.Stream)
+    lock, real = threading.Lock(), np.dtype(float)
+    entries = Made(refuse_closed=lambda: None, model_parameters=(), rows=(), real=real, push=1, limits=1)
+    inputs = tuple(np.zeros(2) for _ in range(3))
+    vars(made).update(_lock=lock, _entries=entries, _sizes={"n_y": 2, "n_m": 2}, _inputs=inputs)
+    monkeypatch.setattr(stream, "parameters_of", lambda *_: np.zeros(1))
+    monkeypatch.setattr(stream, "array_of", lambda name, what, x, shape, dtype: np.zeros(shape))
+    given = {"update": (np.zeros(2),) * 3, "limit": (), "set_parameters": (1,), "set_force": (1,)}[call]
+    lock.acquire()
+    with ThreadPoolExecutor(1) as pool:
+        refused = pool.submit(getattr(made, call), *given)
+        try:
+            with pytest.raises(
+                ArgumentError, match=r"while an(other)? (update|one) runs, expected one after the other"
+            ):
+                refused.result(timeout=2.0)
+        finally:
+            lock.release()
+
+
+def test_defaults_of_parameters_are_literals_or_constants_of_modules(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of `flexgen.verb_parameters`: through imports with and without another name."""
+    texts = {"a": "from b import C as D, E\nF = 2.5\nG, H = 1, 2\n", "b": "C = 3\nE = [1, 'x']\nI = f(2)\n"}
+    monkeypatch.setattr(verb_parameters, "_tree", lambda module: ast.parse(texts[module]))
+
+    def value(word: str, module: str = "a") -> Any:
+        return verb_parameters._value(module, ast.parse(word, mode="eval").body)
+
+    assert [value(x) for x in ("D", "E", "F", "-4.5", "'text'", "C", "f(1)")] == [
+        3, [1, "x"], 2.5, -4.5, "text", None, None,
+    ]  # fmt: skip
+    assert value("I", "b") is None and value("None") is None
