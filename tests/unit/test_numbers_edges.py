@@ -10,6 +10,7 @@ Of `flexgen.atomic_files`, `flexgen.npz_files`, `flexgen.spec.toml_lines`, `flex
 from __future__ import annotations
 
 import ast
+import math
 import os
 import threading
 import xml.etree.ElementTree as ET
@@ -30,6 +31,7 @@ from flexgen.analysis import amplitude, solvability
 from flexgen.benchmarks import bench
 from flexgen.codegen import digest
 from flexgen.cuda.inversion import CudaManyInverter
+from flexgen.dae import taylor_series
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports import mujoco, mujoco_inertia, urdf
 from flexgen.identification import graybox
@@ -45,6 +47,8 @@ from flexgen.runtime import stream
 from flexgen.servo.fit_result import ServoFit
 from flexgen.spec import toml_lines
 from flexgen.spec.toml_lines import TextError
+from flexgen.uncertainty import in_loop
+from flexgen.uncertainty.sources import PAYLOAD
 
 
 def test_a_folder_is_own_where_its_user_is_the_one_who_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -414,3 +418,78 @@ def test_defaults_of_parameters_are_literals_or_constants_of_modules(monkeypatch
         3, [1, "x"], 2.5, -4.5, "text", None, None,
     ]  # fmt: skip
     assert value("I", "b") is None and value("None") is None
+
+
+@pytest.mark.parametrize("code", taylor_series.RULES)
+def test_rules_of_series_are_repeated_derivatives(code: int) -> None:
+    """Of `flexgen.dae.taylor_series`: up to order 6 at two points, against CasADi's derivatives in time."""
+    t, rule = ca.SX.sym("t"), taylor_series.RULES[code]
+    points = np.array([[0.7, 0.4, -0.3, 0.2, 0.5, -0.1, 0.3], [1.3, -0.6, 0.2, 0.7, -0.4, 0.1, 0.2]])
+    others = np.array([[1.9, 0.3, 0.6, -0.2, 0.1, 0.4, -0.5], [0.8, 0.5, -0.1, 0.3, 0.2, -0.6, 0.1]])
+    if code == ca.OP_CONSTPOW:
+        others = np.array([[3.0, *[0.0] * 6]] * 2)
+    found = rule(points[:, :, None], others[:, :, None])
+    for k, (a, b) in enumerate(zip(points, others, strict=True)):
+        x, y = (ca.SX(sum(float(c) * t**n for n, c in enumerate(row))) for row in (a, b))
+        unary = code in (ca.OP_NEG, ca.OP_TWICE, ca.OP_SQ, ca.OP_INV, ca.OP_SQRT, ca.OP_EXP, ca.OP_LOG, ca.OP_SIN,
+                         ca.OP_COS, ca.OP_TAN, ca.OP_SINH, ca.OP_COSH, ca.OP_TANH, ca.OP_ATAN, ca.OP_ASINH,
+                         ca.OP_FABS, ca.OP_SIGN, ca.OP_NOT, ca.OP_ASSIGN)  # fmt: skip
+        value = x if code == ca.OP_ASSIGN else ca.SX.unary(code, x) if unary else ca.SX.binary(code, x, y)
+        for order in range(7):
+            expected = float(ca.Function("f", [t], [value])(0.0)) / math.factorial(order)
+            assert found[k, order, 0] == pytest.approx(expected, rel=1e-9, abs=1e-10), (code, order)
+            value = ca.jacobian(value, t)
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0, 8.0, 9.0, 2.5, -1.0])
+def test_powers_of_series_are_products_or_exponentials(power: float) -> None:
+    a = np.array([[[1.5], [0.3], [-0.2], [0.1]]])
+    b = np.array([[[power], [0.0], [0.0], [0.0]]])
+    found = taylor_series._power(a, b)[0, :, 0]
+    t = np.linspace(-1e-2, 1e-2, 9)
+    assert np.polynomial.polynomial.polyval(t, found) == pytest.approx(
+        np.polynomial.polynomial.polyval(t, a[0, :, 0]) ** power, rel=1e-6
+    )
+
+
+def test_drawn_robots_have_names_and_factors_of_their_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of `flexgen.uncertainty.in_loop`: 1 and the error, and what is added to the payload, counted from one."""
+    model: Any = Made(uncertainty="table")
+    sources = Made(
+        root=np.zeros((2, 3)), added=np.array([False, True]), owner=[0, 0, 1],
+        parameters=[Made(name=name) for name in ("q1.stiffness", "q2.stiffness", PAYLOAD)],
+        errors=lambda z: np.column_stack([z[:, 0], 10.0 + z[:, 1]]),
+    )  # fmt: skip
+    monkeypatch.setattr(in_loop, "sources_of", lambda robot, table: sources)
+    found = in_loop.draw_plants(model, 2, seed=5)
+    z = np.random.default_rng(5).standard_normal((2, 3))
+    for k in (0, 1):
+        expected = {"q1.stiffness": 1.0 + z[k, 0], "q2.stiffness": 1.0 + z[k, 0], "payload": 10.0 + z[k, 1]}
+        assert found[f"drawn_{k + 1}"] == pytest.approx(expected)
+    assert list(found) == ["drawn_1", "drawn_2"]
+
+
+@pytest.mark.parametrize(("failures", "error"), [(0, 2.0), (1, 2.1), (2, None)])
+def test_an_error_in_the_loop_is_what_twenty_robots_of_twenty_one_keep(
+    failures: int, error: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = {f"r{k}": {} for k in range(21)}
+    robots = {name: Made(failure="x" * (k < failures), size=0.1 * (k + 1)) for k, name in enumerate(reversed(names))}
+    figures = lambda robot: {"error_max_m": robot.size, "error_max_rad": None}  # noqa: E731
+    found = Made(runs=[Made(size=0.0)], figures=figures)
+    monkeypatch.setattr(in_loop, "draw_plants", lambda model: names)
+    monkeypatch.setattr(in_loop, "control", lambda model, **given: Run(robots, found))
+    run: Any = Made(model=Made(uncertainty=Made(delay=1e-3)), solution="solution")
+    result = in_loop.error_in_loop(run)
+    assert (result["robots"], result["failed"], result["without_delay"]) == (21, failures, True)
+    assert result["error_m"] == (None if error is None else pytest.approx(error)) and result["error_rad"] is None
+
+
+class Run:
+    """Robots by name, and their figures."""
+
+    def __init__(self, robots: dict[str, Any], found: Any) -> None:
+        self.robots, self.runs, self.figures = robots, found.runs, found.figures
+
+    def __getitem__(self, name: str) -> Any:
+        return self.robots[name]
