@@ -23,7 +23,7 @@ from flexgen.paths.time_laws import TimeLaw
 from flexgen.performance import learn, payload, residual_vibration, time_search
 from flexgen.performance.minimum_time import _limits_of
 from flexgen.performance.payload import identify_load
-from flexgen.performance.rigid_time import _accelerate, _extreme, _time
+from flexgen.performance.rigid_time import _accelerate, _extreme, _time, joint_motion
 from flexgen.performance.smoother import acting
 from flexgen.performance.time_search import TimeSearch
 from flexgen.spec.ports import Port
@@ -487,3 +487,16 @@ def test_vibrations_after_a_move_are_those_of_robots_with_other_springs() -> Non
     channels = {name: np.repeat(x[:1], 3, axis=0) for name, x in solution.trajectory.channels.items()}
     rest = replace(solution.trajectory, time=np.array([0.0, 0.5, 1.0]), channels=channels)
     assert np.abs(made(rest, 1.0)).max() < 1e-3 * np.abs(found).max()
+
+
+@pytest.mark.parametrize("move", ["joints", "line"])
+def test_joints_along_a_path_have_the_derivatives_of_their_differences(move: str) -> None:
+    """Moves of the joints and of the tool; they begin at the start of the path."""
+    path = flexgen.plan("elbow", move)
+    s, h = np.linspace(0.2, 0.8, 5) * path.duration, 1e-4
+    q, dq, ddq = joint_motion(path, s)
+    more, less = (joint_motion(path, s + x)[0] for x in (h, -h))
+    assert_allclose(dq, (more - less) / (2 * h), rtol=1e-5, atol=1e-6)
+    assert_allclose(ddq, (more - 2 * q + less) / h**2, rtol=1e-3, atol=1e-3)
+    first = joint_motion(path, np.array([1e-6, 0.1]))[0][0]
+    assert_allclose(first, path.q_start[list(path.equations.model.i_g)], atol=1e-6)
