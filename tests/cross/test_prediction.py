@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from measured_numbers import check_numbers
 import flexgen
 from flexgen.mechanics.equations import derive
 from flexgen.spec.parts import Tolerances
+from flexgen.uncertainty import prediction
 from flexgen.uncertainty.sources import WEAK
 
 ROBOTS = 200
@@ -151,3 +153,26 @@ def test_the_fastest_move_against_95_percent_leaves_torque_for_them():
         tau = np.array([np.abs(robot.tau_m) for robot in run.runs[1:]])
         least.append(float(np.mean(tau <= 1.005 * np.array(quick.limits.torque), axis=0).min()))
     assert least[0] >= 0.92 > 0.8 > least[1]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 8])
+def test_the_fewest_sources_that_halve_the_error_are_found_one_by_one(count):
+    """By trying 1, 2, 3, ... of the largest; sources of equal size, and of sizes that fall."""
+    rng = np.random.default_rng(count)
+    for sizes in (np.ones(count), 0.5 ** np.arange(count), np.r_[3.0, np.ones(count - 1)]):
+        rows, errors = rng.normal(size=(4, count, 2)) * sizes[:, None], rng.normal(size=(200, count))
+        known: Any = SimpleNamespace(
+            names=[f"s{k}" for k in range(count)], kinds=["masses"] * count, sd=np.ones(count), root=np.eye(count)
+        )
+        shares = prediction._shares(known, rows)
+        total = np.array([(rows[:, k] ** 2).sum(axis=1) for k in range(count)])
+        worst = total.sum(axis=0).argmax()
+        assert [share.share for share in shares] == pytest.approx(sorted(total[:, worst] / total[:, worst].sum())[::-1])
+        largest = [np.linalg.norm(np.einsum("r,krp->kp", e, rows), axis=1).max() for e in errors]
+        assert prediction._largest(rows, errors) == pytest.approx(largest)
+        half = np.quantile(largest, 0.95) / 2
+        found = prediction._to_halve(known, shares, rows, errors)
+        assert found == tuple(share.name for share in shares[: len(found)])
+        left = [errors * ~np.isin(known.names, found[:k]) for k in (len(found) - 1, len(found))]
+        assert np.quantile(prediction._largest(rows, left[0]), 0.95) > half
+        assert np.quantile(prediction._largest(rows, left[1]), 0.95) <= half
