@@ -19,6 +19,7 @@ from flexgen.identification import time_domain
 from flexgen.identification.experiments.excitation import motor_speeds, odd_lines, speed_amplitudes
 from flexgen.identification.motion_fit import fit_motion
 from flexgen.identification.recordings.recording_writer import RecordingWriter
+from flexgen.identification.result import FitStatus
 from flexgen.loop.hardware import DriveHardware
 from flexgen.reports.identification_texts import text_of_responses
 
@@ -147,3 +148,62 @@ def test_parameters_are_validated_where_there_is_another_experiment(
         (("fit refined", "fit refined checked"), "fit refined checked") if several else ("fit refined", None)
     )
     assert time_domain.refine_and_validate(found, given) == expected
+
+
+def test_frictions_of_a_model_are_those_of_its_motors_and_joints() -> None:
+    """Numbers above zero; beta only with a Coulomb friction."""
+    none = SimpleNamespace(viscous=0.0, coulomb=0.0, beta=9.0)
+    motor = SimpleNamespace(name="m1", friction=SimpleNamespace(viscous=0.5, coulomb=2.0, beta=9.0))
+    joints = [
+        SimpleNamespace(name="q1", dof=SimpleNamespace(friction=none)),
+        SimpleNamespace(name="q2", dof=SimpleNamespace(friction=SimpleNamespace(viscous=0.1, coulomb=0.0, beta=9.0))),
+        SimpleNamespace(name="bend", dof=None),
+    ]
+    found: Any = SimpleNamespace(vector=SimpleNamespace(model=SimpleNamespace(motors=[motor], coordinates=joints)))
+    assert sorted(time_domain._frictions(found)) == ["m1.beta", "m1.coulomb", "m1.viscous", "q2.viscous"]
+
+
+def test_deviations_of_spectra_are_means_over_seven_lines() -> None:
+    """Of robots together; a millionth of the signal is added, so that nothing is divided by zero."""
+    rng = np.random.default_rng(4)
+    x = 0.1 * (rng.normal(size=(3, 5, 12, 2)) + 1j * rng.normal(size=(3, 5, 12, 2))) + 7.0
+    found = time_domain._standard_deviation(x)
+    variance = np.array([[np.var(x[r, :, line], axis=0, ddof=1) for line in range(12)] for r in range(3)]).mean(axis=0)
+    for line in range(12):
+        near = range(max(0, line - 3), min(12, line + 4))
+        expected = np.mean([variance[k] for k in near], axis=0) / 5 + 1e-12 * (np.abs(x[:, :, line]) ** 2).mean((0, 1))
+        assert_allclose(found[0, line], np.sqrt(expected), rtol=1e-9)
+    still = time_domain._standard_deviation(np.full((1, 2, 3, 1), 5.0 + 0j))
+    assert_allclose(still, 5e-6, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("converged", "at_bound", "cost", "error", "bent", "before", "status"),
+    [
+        (False, False, 1.0, 0.0, False, "FITTED", "NOT_CONVERGED"),
+        (False, True, 1.0, 0.0, False, "FITTED", "NOT_CONVERGED"),
+        (True, True, 1.0, 0.0, False, "FITTED", "AT_BOUND"),
+        (True, False, 1.0, 1.0, False, "FITTED", "FITTED"),
+        (True, False, 1e9, 0.99, False, "FITTED", "FITTED"),
+        (True, False, 1e9, 1.01, False, "FITTED", "MODEL_ERROR"),
+        (True, False, 1.0, 0.0, False, "MODEL_ERROR", "MODEL_ERROR"),
+        (True, False, 1.0, 0.0, True, "MODEL_ERROR", "FITTED"),
+    ],
+)
+def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
+    converged: bool, at_bound: bool, cost: float, error: float, bent: bool, before: str, status: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """``error``: of the angles, over the largest that is small."""
+    monkeypatch.setattr(time_domain, "_frictions", lambda found: ["m1.coulomb"] if bent else ["m1.viscous"])
+    fit: Any = SimpleNamespace(converged=converged, at_bound=np.array([False, at_bound]), x=2.0)
+    measured = np.array([3.0, 4.0])
+    simulated: Any = SimpleNamespace(
+        residual=lambda x: x * error * time_domain.SMALL_ERROR * measured / 2.0 / 0.5, sd=0.5, measured=measured,
+        local=SimpleNamespace(springs=()),
+    )  # fmt: skip
+    found: Any = SimpleNamespace(status=FitStatus[before])
+    assert time_domain._status(fit, cost, simulated, found) == FitStatus[status]
+    assert time_domain._status(fit, time_domain.COST_MOST, simulated, found) == (
+        FitStatus[status] if cost == 1.0 else FitStatus.FITTED
+    )
