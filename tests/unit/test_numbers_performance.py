@@ -500,3 +500,32 @@ def test_joints_along_a_path_have_the_derivatives_of_their_differences(move: str
     assert_allclose(ddq, (more - 2 * q + less) / h**2, rtol=1e-3, atol=1e-3)
     first = joint_motion(path, np.array([1e-6, 0.1]))[0][0]
     assert_allclose(first, path.q_start[list(path.equations.model.i_g)], atol=1e-6)
+
+
+def test_a_corrected_pose_is_turned_and_has_the_rates_of_its_rotation() -> None:
+    """Position plus, rotation by the vector from the left; rates by differences of the corrected motion."""
+    h, n = 2e-3, 201
+    t = h * np.arange(n)
+    rise = (t / t[-1]) ** 4 * (1 - t / t[-1]) ** 4 * 256
+    turns = rise[:, None] * [0.3, -0.2, 0.5]
+    R = Rotation.from_rotvec(turns)
+    w = np.array([(R[k + 1] * R[k - 1].inv()).as_rotvec() / (2 * h) for k in range(1, n - 1)])
+    w = np.vstack([0 * w[:1], w, 0 * w[:1]])
+    y = np.hstack([rise[:, None] * [1.0, 2.0, 3.0], R.as_matrix().transpose(0, 2, 1).reshape(n, 9)])
+    v = np.gradient(y[:, :3], h, axis=0)
+    made = object.__new__(learn._Commanded)
+    dy, ddy = np.hstack([v, w]), np.gradient(np.hstack([v, w]), h, axis=0)
+    vars(made).update(time=t, period=h, _R=R.as_matrix(), _y=y, _rates=(dy, ddy))
+    correction = rise[:, None] * [1e-2, -2e-2, 3e-2, 0.05, 0.1, -0.08]
+    found, rates, second = made._correct(correction)
+    assert_allclose(found[:, :3], y[:, :3] + correction[:, :3], atol=1e-12)
+    turned = Rotation.from_rotvec(correction[:, 3:]) * R
+    assert_allclose(found[:, 3:], turned.as_matrix().transpose(0, 2, 1).reshape(n, 9), atol=1e-9)
+    inside = slice(5, -5)
+    expected = np.array([(turned[k + 1] * turned[k - 1].inv()).as_rotvec() / (2 * h) for k in range(1, n - 1)])
+    assert_allclose(rates[1:-1][inside, 3:], expected[inside], atol=2e-3 * np.abs(expected).max())
+    moved = np.gradient(found[:, :3], h, axis=0)
+    assert_allclose(rates[inside, :3], moved[inside], atol=2e-3 * np.abs(moved).max())
+    for part in (slice(0, 3), slice(3, 6)):
+        slope = np.gradient(rates[:, part], h, axis=0)
+        assert_allclose(second[inside, part], slope[inside], atol=2e-2 * np.abs(slope).max())
