@@ -2,7 +2,7 @@
 
 Of `flexgen.identification.causes.hypotheses`, `flexgen.identification.recordings.experiment_file`,
 `flexgen.identification.recordings.description`, `flexgen.simulation.result`, `flexgen.mechanics.beam`,
-`flexgen.analysis.gear_changes`, `flexgen.identification.causes.explain`.
+`flexgen.analysis.gear_changes`, `flexgen.identification.causes.explain`, `flexgen.inversion.verification`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from flexgen.identification.causes import hypotheses
 from flexgen.identification.causes.explain import Cause
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.recordings import description, experiment_file
+from flexgen.inversion.verification import plan_error
 from flexgen.mechanics.beam import modal_beam
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Output
@@ -256,3 +257,36 @@ def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
 
     assert_allclose(found.x, least_squares(residual, np.zeros(4), xtol=1e-12).x, rtol=1e-3, atol=1e-4)
     assert found.distortion == 0.0
+
+
+@pytest.mark.parametrize("kind", ["tool_pose", "tool_position", "combination"])
+def test_the_error_of_a_plan_is_the_distance_of_the_simulated_output(kind: str) -> None:
+    """The largest of all instants, and the angle of a pose; nothing for a unit that the output does not have."""
+    equations = derive("elbow") if kind != "combination" else derive("four_mass")
+    if kind == "tool_pose":
+        equations = derive(replace(equations.model, output=Output("tool_pose")))
+    rng = np.random.default_rng(3)
+    both = rng.uniform(0.1, 0.4, (2, 4, equations.model.n_a))
+    forward, output = (equations.function(name) for name in ("forward_kinematics", "output"))
+    y = np.array([[np.array(output(x)).ravel() for x in part] for part in both])
+    planned, found = (Made(trajectory=Motion(part)) for part in both)
+    metres, radians = plan_error(equations, planned, found)  # type: ignore[arg-type]
+    length = y[..., :3] if kind == "tool_pose" else y
+    assert metres == pytest.approx(np.linalg.norm(length[1] - length[0], axis=1).max())
+    if kind != "tool_pose":
+        assert radians is None
+        return
+    R = np.array([[np.array(forward(x)[1]) for x in part] for part in both])
+    cosine = [(np.trace(a.T @ b) - 1) / 2 for a, b in zip(*R, strict=True)]
+    assert radians == pytest.approx(np.arccos(np.clip(cosine, -1, 1)).max(), rel=1e-6)
+
+
+class Motion:
+    """Arm coordinates at some instants."""
+
+    def __init__(self, q_a: np.ndarray) -> None:
+        self.time, self.q_a = np.arange(float(len(q_a))), q_a
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        assert name == "q_a"
+        return self.q_a
