@@ -365,6 +365,7 @@ def test_a_compiler_for_another_processor_has_its_own_default(
         return
     found = find(False, False, "native", None, None, None)
     assert ("-march=native" in found.flags) is target and len(calls) == 1 + len(fails)
+    assert (found.version, found.command) == ("cc 1.0", ("cc",))
 
 
 def test_the_tool_of_translations_is_in_units_of_the_reach() -> None:
@@ -441,9 +442,10 @@ def test_rules_of_series_are_repeated_derivatives(code: int) -> None:
             value = ca.jacobian(value, t)
 
 
-@pytest.mark.parametrize("power", [0.0, 1.0, 8.0, 9.0, 2.5, -1.0])
-def test_powers_of_series_are_products_or_exponentials(power: float) -> None:
-    a = np.array([[[1.5], [0.3], [-0.2], [0.1]]])
+@pytest.mark.parametrize(("base", "power"), [(1.5, 0.0), (-1.5, 1.0), (-1.5, 8.0), (1.5, 9.0), (1.5, 2.5), (1.5, -1.0)])
+def test_powers_of_series_are_products_or_exponentials(base: float, power: float) -> None:
+    """Small whole ones of negative numbers, too, which have no logarithm."""
+    a = np.array([[[base], [0.3], [-0.2], [0.1]]])
     b = np.array([[[power], [0.0], [0.0], [0.0]]])
     found = taylor_series._power(a, b)[0, :, 0]
     t = np.linspace(-1e-2, 1e-2, 9)
