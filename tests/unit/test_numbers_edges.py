@@ -34,6 +34,7 @@ from flexgen.cuda.inversion import CudaManyInverter
 from flexgen.dae import taylor_series
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports import mujoco, mujoco_inertia, urdf
+from flexgen.expressions import pivot_guards
 from flexgen.identification import graybox
 from flexgen.identification.local_model import LocalModel
 from flexgen.inverse_kinematics import targets
@@ -495,3 +496,26 @@ class Run:
 
     def __getitem__(self, name: str) -> Any:
         return self.robots[name]
+
+
+def test_operations_at_random_states_are_those_of_c() -> None:
+    """Of `flexgen.expressions.pivot_guards`: conditions are numbers, 1 where they hold."""
+    a, b = np.array([0.0, 1.0, 2.0, 2.0, -1.5]), np.array([0.0, 2.0, 1.0, 2.0, 0.0])
+    pairs = list(zip(a.tolist(), b.tolist(), strict=True))
+    expected: dict[str, Any] = {
+        "add": [x + y for x, y in pairs], "sub": [x - y for x, y in pairs], "mul": [x * y for x, y in pairs],
+        "lt": [float(x < y) for x, y in pairs], "le": [float(x <= y) for x, y in pairs],
+        "eq": [float(x == y) for x, y in pairs], "ne": [float(x != y) for x, y in pairs],
+        "and": [float(bool(x) and bool(y)) for x, y in pairs], "or": [float(bool(x) or bool(y)) for x, y in pairs],
+        "if_else_zero": [y if x else 0.0 for x, y in pairs], "pow": [x**y for x, y in pairs],
+    }  # fmt: skip
+    for name, values in expected.items():
+        assert pivot_guards._CALLS[name](a, b).tolist() == values, name
+    for name, values in (
+        ("not", [float(not x) for x in a]),
+        ("fabs", [abs(x) for x in a]),
+        ("sign", [float(np.sign(x)) for x in a]),
+    ):
+        assert pivot_guards._CALLS[name](a).tolist() == values, name
+    assert pivot_guards._CALLS["div"](a, b + 3.0).tolist() == [x / (y + 3.0) for x, y in pairs]
+    assert {"double": np.finfo(float).eps, "single": float(np.finfo(np.float32).eps)} == pivot_guards.EPSILON

@@ -127,6 +127,24 @@ def test_a_reference_is_asked_for_by_pose_realization_and_experiment(planned: tu
                 Experiment.reference(some, *at)
 
 
+def test_references_are_sums_of_sines_that_turn_from_experiment_to_experiment(
+    planned: tuple[RobotModel, Plan],
+) -> None:
+    """The phase of motor j grows by 2 pi j e / E; the speed has the stated deviation."""
+    plan = planned[1]
+    for r, e in {(0, 0), (plan.realizations - 1, plan.experiments - 1)}:
+        t = plan.hardware.sample_s * np.arange(plan.samples)
+        found = plan.reference(r, e)
+        for j in range(len(plan.motors)):
+            w = 2 * np.pi * plan.lines / plan.period_s
+            phase = plan.phases[r, :, j] + 2 * np.pi * j * e / plan.experiments
+            expected = (plan.amplitudes[:, j] / w * np.sin(np.outer(t, w) + phase)).sum(axis=1)
+            assert_allclose(found[:, j], expected, atol=1e-12)
+    speed = np.gradient(np.vstack([found, found[:3]]), plan.hardware.sample_s, axis=0)[1:-3]
+    assert_allclose(speed.std(axis=0), plan.speed_sd, rtol=0.05)
+    assert plan.experiments > 1
+
+
 def test_noise_of_outputs_has_the_power_of_its_kind() -> None:
     """Angles twice, rates once, accelerations not differentiated; a sensor that samples half as often has twice."""
     model = sensed()
