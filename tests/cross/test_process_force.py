@@ -24,7 +24,7 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solve import make_solution
 from flexgen.mechanics.statics import hold_motors
 from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.process_force import make_force
+from flexgen.paths.process_force import make_force, scale_force
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
@@ -340,3 +340,13 @@ def test_units_time_and_methods_are_checked():
             flexgen.solve("planar5_nmp", force=given, progress=False)
     with pytest.raises(ArgumentError, match="given with method 'full'"):
         flexgen.solve("planar5_nmp", method="full", force=np.zeros((5, 2)), progress=False)
+
+
+@pytest.mark.parametrize("factor", [-0.5, 2.0])
+def test_a_force_times_a_factor_has_the_duration_of_its_last_instant(factor):
+    """Samples from the start to the end of the path, which is where the instants end."""
+    model, samples = flexgen.read("elbow"), np.outer(np.linspace(0.0, 1.0, 5) ** 2, [1.0, 0.0, 3.0])
+    t = np.linspace(0.0, 1.6, 9)
+    found = scale_force(samples, model, factor)(t)
+    np.testing.assert_allclose(found, factor * make_force(samples, model, 1.6).at(t), rtol=1e-12)
+    np.testing.assert_allclose(found[-1, :3], factor * samples[-1], rtol=1e-9)

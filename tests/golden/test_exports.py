@@ -81,6 +81,8 @@ def cases() -> dict[str, Callable[[Path], Any]]:
     load = {"mass": 2.0, "com": [0.1, 0.0, 0.0], "inertia": [0.0, 0.5, 0.0], "inertia_reduced": True}
     loaded = flexgen.read("elbow", overrides={"payload": load})
     found["urdf with a payload"] = lambda folder: flexgen.export_urdf(loaded, folder / "loaded.urdf")
+    point = flexgen.read("elbow", overrides={"payload": {"mass": 2.0, "com": [0.1, 0.0, 0.0]}})
+    found["mujoco with a point mass"] = lambda folder: flexgen.export_mujoco(point, folder / "point.xml")
     found["ros2 with forces"] = lambda folder: flexgen.export_ros2(
         "elbow", folder / "pushed", package="my_arm", parts=("force",)
     )
