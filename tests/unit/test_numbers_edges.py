@@ -519,3 +519,15 @@ def test_operations_at_random_states_are_those_of_c() -> None:
         assert pivot_guards._CALLS[name](a).tolist() == values, name
     assert pivot_guards._CALLS["div"](a, b + 3.0).tolist() == [x / (y + 3.0) for x, y in pairs]
     assert {"double": np.finfo(float).eps, "single": float(np.finfo(np.float32).eps)} == pivot_guards.EPSILON
+
+
+def test_values_are_nested_up_to_the_stated_depth() -> None:
+    """Of lists and of tables, which the text may mix."""
+    for wrap in (lambda x: [x], lambda x: {"a": x}):
+        data: Any = wrap(1)
+        for _ in range(toml_lines.DEPTH):
+            toml_lines.check_depth(data)
+            data = wrap(data)
+        with pytest.raises(TextError) as caught:
+            toml_lines.check_depth(data)
+        assert f"at most {toml_lines.DEPTH} levels" in caught.value.expected
