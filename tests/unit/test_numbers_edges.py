@@ -32,7 +32,7 @@ from flexgen.benchmarks import bench
 from flexgen.codegen import digest
 from flexgen.cuda.inversion import CudaManyInverter
 from flexgen.dae import taylor_series
-from flexgen.errors import ArgumentError, BuildError
+from flexgen.errors import ArgumentError, BuildError, ModelError
 from flexgen.exports import mujoco, mujoco_inertia, urdf
 from flexgen.expressions import pivot_guards
 from flexgen.identification import graybox
@@ -47,6 +47,7 @@ from flexgen.planning import model_limits
 from flexgen.runtime import stream
 from flexgen.servo.fit_result import ServoFit
 from flexgen.spec import toml_lines
+from flexgen.spec.tables import Table
 from flexgen.spec.toml_lines import TextError
 from flexgen.uncertainty import in_loop
 from flexgen.uncertainty.sources import PAYLOAD
@@ -531,3 +532,27 @@ def test_values_are_nested_up_to_the_stated_depth() -> None:
         with pytest.raises(TextError) as caught:
             toml_lines.check_depth(data)
         assert f"at most {toml_lines.DEPTH} levels" in caught.value.expected
+
+
+@pytest.mark.parametrize(
+    ("keys", "required", "expected"),
+    [
+        (("pose_rad",), True, "pose_rad"),
+        (("pose_deg", "other"), True, "pose_deg"),
+        ((), False, None),
+        ((), True, "pose_rad: pose_rad or pose_deg"),
+        (("pose_rad", "pose_deg"), False, "pose_deg: one of the two"),
+    ],
+)
+def test_angles_have_one_key_with_their_unit(keys: tuple[str, ...], required: bool, expected: str | None) -> None:
+    """Of `flexgen.spec.tables`: the errors name the key."""
+
+    def fail(key: str, wanted: str, given: str = "") -> Exception:
+        return ModelError("a.toml", 1, key, given, wanted)
+
+    table: Any = Made(entries=dict.fromkeys(keys), fail=fail)
+    try:
+        found = Table.unit_key(table, "pose", required)
+    except ModelError as error:
+        found = f"{error.key}: {error.expected}"
+    assert found == expected
