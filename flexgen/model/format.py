@@ -46,7 +46,7 @@ def _tool(position: Vector, rotation: Matrix, rpy: Matrix | None, **more: Any) -
 
 
 _CARRIER = "the element that carries tool and payload; default: the last one"
-_TOOL = Format(
+TOOL = Format(
     "tool frame, from the tip of the element that carries it",
     (
         *robot.PLACEMENT.keys,
@@ -186,7 +186,7 @@ MODEL = Format(
     (
         Key("motor_coupling", choice("simplified", "complete"), _COMPLETE, default="simplified"),
         Key("element", listed(ELEMENT), "the links, parents before their children", check=_check_size),
-        Key("tool", sub(_TOOL), _FLANGE, default=Placement()),
+        Key("tool", sub(TOOL), _FLANGE, default=Placement()),
         Key("name", name(problem_of=c_name_problem), "name of the robot, the prefix of every C symbol"),
         Key("description", text(), "one line", default=""),
         Key("source", text(), "where the numbers come from", default=""),

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from flexgen.benchmarks import scenario_file as scenario
 from flexgen.loop.controller_files import CONTROLLER
-from flexgen.model.format import BEAM, BENDING, ELEMENT, JOINT, LINK, MODEL, UNCERTAINTY, URDF, VARIANT
+from flexgen.model.format import BEAM, BENDING, ELEMENT, JOINT, LINK, MODEL, TOOL, UNCERTAINTY, URDF, VARIANT
 from flexgen.model.format_devices import MOTOR, SENSOR
 from flexgen.model.format_programs import PROGRAM, STEP
 from flexgen.model.format_robot import (
     BODY,
+    COGGING,
     COUNTERBALANCE,
     DOF,
+    ENCODER_ERROR,
     ERROR,
     GEAR,
     JOINT_SPRING,
     PLACEMENT,
+    RIPPLE,
     SPRING,
     friction,
 )
@@ -36,16 +40,19 @@ TABLES: dict[str, Form] = {
     "`gear`": GEAR,
     "`spring` of a gear": SPRING,
     "`hysteresis`": HYSTERESIS,
-    "`transmission_error`, `cogging`, `torque_ripple`, `encoder_error`": ERROR,
+    "`transmission_error`": ERROR,
+    "`cogging`": COGGING,
+    "`torque_ripple`": RIPPLE,
+    "`encoder_error`": ENCODER_ERROR,
     "`lugre`": LUGRE,
-    "`transmission_error`, `cogging`, `torque_ripple`": ERROR,
     "`spring` of a degree of freedom": JOINT_SPRING,
     "`friction`": friction(),
     "`counterbalance`": COUNTERBALANCE,
     "`[element.beam]`": BEAM,
     "`[[element.beam.bending]]`": BENDING,
     "`body`, `[payload]`": BODY,
-    "`[base]`, `[tool]`, `origin`, `link`": PLACEMENT,
+    "`[base]`, `origin`, `link`": PLACEMENT,
+    "`[tool]`": TOOL,
     "`[[motor]]`": MOTOR,
     "`[[sensor]]`": SENSOR,
     "`[uncertainty]`": UNCERTAINTY,
@@ -86,10 +93,10 @@ This page lists all keys of [model files](../models/README.md). It is written fr
 required key that ends in `_rad` or `_deg` is given under one of the two. A name is a letter, then at most 30 letters,
 digits or underscores. Numbers have a magnitude of 1e-18 to 1e12, or are 0.
 
-The sections at the end are about files of [controllers](motion_control.md), of the [grids](cluster.md) of sweeps and
-of the scenarios of benchmarks; their numbers have any magnitude. A controller file with the `type` of a feedback law
-has the parameters of its class as keys. A scenario of format 1 has `[[disturbance]]` instead of `rule`, `[draw]` and
-`[[segment]]`, and no `version` of `[measures]`.
+The sections at the end are about files of [controllers](control.md#controllers), of the [grids](cluster.md) of sweeps
+and of the scenarios of benchmarks; their numbers have any magnitude. A controller file with the `type` of a feedback
+law has the parameters of its class as keys. A scenario of format 1 has `[[disturbance]]` instead of `rule`, `[draw]`
+and `[[segment]]`, and no `version` of `[measures]`.
 """
 
 
@@ -160,7 +167,7 @@ def _list_text(schema: Schema) -> str:
     of = (
         item
         if item.startswith("list")
-        else item.replace("number", "numbers", 1).replace("text", "texts").replace("table", "tables")
+        else re.sub(r"\bnumber\b", "numbers", item, count=1).replace("text", "texts").replace("table", "tables")
     )
     sizes = [(one.get("minItems", 0), one.get("maxItems", 0)) for one in schema.get("anyOf", [schema])]
     if not sizes[0][1]:
