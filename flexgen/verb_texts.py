@@ -24,7 +24,7 @@ LISTS: dict[str, Callable[[], tuple[str, ...]]] = {  # called when a help or an 
 }
 PHRASES = {
     "CONTROLLERS": "a file .toml, .py (or file.py:Class) or a shared library",
-    "FACTORS": "factors of stiffness, damping, friction or a single number, payload in kg more",
+    "FACTORS": "factors of stiffness, damping, friction, lost_motion or a single number, payload in kg more",
 }
 
 

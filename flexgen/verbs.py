@@ -91,8 +91,8 @@ generate MODEL | generate:generate | generate
         parameters NAME,NAME,... names: model parameters that become arguments of the functions: payload, stiffness,
             damping, friction, q2.stiffness, ...
         parts NAME,NAME,... names --with: optional parts: bvp, another method for whole paths, to check invert;
-            derivatives: products with derivatives of the functions, for JAX and PyTorch; position: positions to send to
-            the servo of the model file
+            derivatives: products with derivatives of the functions, for JAX and PyTorch; force: a force on the tool
+            along paths; position: positions to send to the servo of the model file
         precision NAME in=double/single old=--single=single: of the numbers in C; default: {default}
     compilation
         no_build: write the sources, do not compile
@@ -119,8 +119,8 @@ solve MODEL | solve:solve | solve
         no_verify: skip the verification by forward simulation
         preview S not_negative: longest time that the motion may start before the path [s]
         mesh S positive: length of the mesh intervals [s]
-        limits: enforce the torque and speed limits of the model and those of deflections (methods lq, collocation,
-            full)
+        limits: keep the limits of the model file (method lq; collocation and full those of torque, speed and
+            deflection)
         accuracy X positive: largest accepted output error [m and rad]
         @ignore_limits
         @time
