@@ -23,7 +23,7 @@ class Method:
         Where it is; the function takes an `InversionProblem` and the length of the
         intervals of its mesh [s], and returns a `MethodResult`.
     keeps_limits : bool
-        Keeps bounds on torque and speed.
+        Keeps bounds on torque, speed and deflection.
     refines : bool
         More accurate on a finer mesh.
     algebraic : bool

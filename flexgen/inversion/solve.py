@@ -89,7 +89,7 @@ def solve(
         How long before the path the motion may begin; default, at most 60 s: `flexgen.analysis.zeros.preview`. Length
         of the intervals or steps; default, or less: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
-        On motor torque, speed, deflection: "lq" modifies the path; "full", "collocation" optimize torque and error.
+        "lq" modifies the path and keeps all but effective torques; "full", "collocation" torque, speed, deflection.
     verify, accuracy : bool, float [rad, and m for each meter of reach, at most m]
         Simulate the full model and measure the error; meshes are refined until it is at most ``accuracy``.
     hold, sample_time, delay, command : str, float [s], str

@@ -196,7 +196,7 @@ def fastest(
     time_limit: float | None = TIME_LIMIT,
     progress: Choice = None,
 ) -> FastestMove:
-    """Find the fastest time law of a move that keeps the limits of torque, speed and deflection exactly.
+    """Find the fastest time law of a move that keeps the limits exactly.
 
     Parameters
     ----------
@@ -204,8 +204,8 @@ def fastest(
     move : str or Move, optional
         A move or program of the model file; default: its first.
     limits : Limits, optional
-        Default: those of the model file; a motor without torque limit there gets the largest torque of the move as it
-        is given.
+        Default: those of the model file, without those of its joints; a motor without torque limit there gets the
+        largest torque of the move as it is given.
     torque_rate : float, optional
         Bound of the torques' rates, as a multiple of the largest rate of the move as it is given. It lowers the
         vibration of robots that differ from the model, and costs time.

@@ -298,7 +298,7 @@ class Stream:
         ------
         ArgumentError
             Where a limit is not positive, the horizon is too short, the stream has failed, its library was closed, or
-            the model has gears with hysteresis, or motors with lugre or friction that depends on the load.
+            the model has hysteresis, lugre, friction that depends on the load or Fourier sums of motor angles.
         """
         self._entries.refuse_closed()
         entry = self._entries.limits
