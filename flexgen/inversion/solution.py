@@ -48,7 +48,8 @@ class Solution(Result):
     verdict : str
         Message of the solver; empty for the closed form.
     trajectory : Trajectory
-        Channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``, and ``force`` where one was given.
+        Channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref``; where there are any, ``R_ref``, ``force``, ``tau_h`` of
+        hysteresis, ``tau_b`` of friction with a state, ``command_m command_g`` of positions to send.
     residual_max_Nm : float [N m, or N for translations]
         Largest residual of the full equations of motion at the midpoints between the samples.
     residual_relative : float

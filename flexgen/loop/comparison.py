@@ -65,7 +65,7 @@ def compare(solution: Solution, *, robustness: bool = False, progress: Choice = 
     solution : Solution
         Verified; without verification there is nothing to compare but its robustness.
     robustness : bool
-        Also simulate robots whose stiffness or masses differ by 5 and 20 %, with and without feedback.
+        Also simulate robots whose stiffness differs by 5 and 20 %, or masses by 5 %, with and without feedback.
     progress : callable, bool, optional
         Called with a line of text; True, False: show it on the terminal or not; default: on a terminal.
 

@@ -71,10 +71,10 @@ def control(
     move : str or Move, optional
         A move of the model file; default: its first.
     controller : str or object
-        ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"lqg"``, ``"none"`` (feedforward only), a path of a
-        ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, a `Cascade` or `Linear`, a law that
-        evaluates the model (`flexgen.FeedbackLinearisation`, `ComputedTorque`, `TomeiPD`, `JointTorqueFeedback`, `LQ`),
-        an object with ``reset()`` and ``step(k, y, ref) -> u``, or a system of python-control.
+        ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"none"`` (feedforward only), the name of a law such as
+        ``"lqg"``, a path of a ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, a `PPI`, `PID`,
+        `Cascade`, `Linear` or law such as `flexgen.LQG`, an object with ``reset()`` and ``step(k, y, ref) -> u``, or a
+        system of python-control.
     sample_time : float [s]
     delay : float [s]
         From the measurement to the torque.

@@ -29,7 +29,8 @@ class Simulation(Result):
     Attributes
     ----------
     trajectory : Trajectory
-        Channels ``q_a v_a q_m v_m tau_m`` and, where the reference was given, ``error`` of the output.
+        Channels ``q_a v_a q_m v_m tau_m``, ``error`` of the output where the reference was given, ``contact`` with a
+        wall.
     tool_error_max_m, tool_error_max_rad : float or None [m], [rad]
         Largest error of the output until ``held_s`` after the end of the trajectory, with the ``feedback`` that is
         named there; None without reference, or where the output has no such part.
