@@ -84,12 +84,14 @@ def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction:
     Raises
     ------
     ModelError
-        MuJoCo cannot express a part of the robot exactly: a beam, the dead band of a backlash, friction (see there), a
-        drag on a body that turns about several directions, complete coupling of a motor with a rigid gear on such a
-        body, a rotor behind rigid gears that turns with joints on several branches, an axis without inertia that only a
-        mechanism over several branches holds, inertias that no real body has, or so small that MuJoCo's least count.
+        MuJoCo cannot express a part of the robot exactly: a beam, the dead band of a backlash, a counterbalance,
+        friction (see there), a drag on a body that turns about several directions, complete coupling of a motor with a
+        rigid gear on such a body, a rotor behind rigid gears that turns with joints on several branches, an axis
+        without inertia that only a mechanism over several branches holds, inertias that no real body has, or so small
+        that MuJoCo's least count.
     ArgumentError
-        There is no such model or friction, or the file cannot be written.
+        There is no such model or friction, the model has hysteresis, lugre, friction that depends on the load or
+        Fourier sums of motor angles, or the file cannot be written.
 
     Examples
     --------

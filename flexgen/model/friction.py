@@ -111,6 +111,7 @@ def refuse_harmonics(model: Any, what: str, *, load: bool = True) -> None:
     if found := has_harmonics(model):
         raise ArgumentError(
             f"{what}: given {model.title}, whose {found}, expected gears and motors without transmission_error, "
-            "cogging and torque_ripple, which only solve, simulate, control, predict, fastest and generate take into "
-            "account; remove these tables from the model file"
+            "cogging and torque_ripple, which only solve, simulate, control, learn, measure, predict, fastest, "
+            "command_positions, generate and exports other than that of MuJoCo take into account; remove these tables "
+            "from the model file"
         )
