@@ -1,6 +1,7 @@
 """The command line: parse the arguments, run one verb, print its result, set the exit status.
 
-Exit status: 0 success, 1 failure (the reason is on standard error), 2 wrong usage, 130 interrupted. With ``--json``,
+Exit status: 0 success, 1 failure (the reason is on standard error), 2 wrong usage, 3 limits of the model file exceeded,
+130 interrupted, 141 the reader of the output has closed it. With ``--json``,
 standard output has exactly one JSON object; after a failure it has the key ``error``.
 """
 
