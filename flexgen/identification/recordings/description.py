@@ -6,6 +6,8 @@
     segment_s = 2.0                            instead of period_s, of a motion without period: of its segments
     lines = "excited"                          or "odd", "all": which multiples of 1/period_s between f_min and f_max;
                                                or line_numbers = [5, 7, 11]: these multiples
+    f_min = 1.0                                Hz, optional, of the lines; also f_max, default 0.45 of the sample rate
+    transients = 1                             periods of each file before those that count; delay_s: of the torques
 
     [time]
     name = "time"                              array of the file
@@ -28,9 +30,6 @@
 
     [[reference]]                              optional, one for each motor, keys as of [[angle]]: what a drive follows,
     motor = "m1"                               for `refine`, and to find the excited lines
-    name = "theta_ref"
-    unit = "rad"
-    side = "motor"
 
     [drive]                                    optional, for `refine`: position and speed control, one number a motor
     position_gain = [8.0]                      1/s
@@ -39,7 +38,7 @@
     low_pass = { frequency_hz = 400.0 }        optional, of the torque of the control; damping = 0.7
     notch = { frequency_hz = 80.0 }            optional; zero_damping = 0.1, pole_damping = 0.7
     encoder_noise_rad = 0.0                    optional, motor side: what moves the motors in addition to the reference
-    torque_noise_Nm = 0.0
+    torque_noise_Nm = 0.0                      also encoder_resolution_rad
 
     [[signal]]                                 optional, one for each channel of the model's sensors
     sensor = "acc.x"
@@ -49,6 +48,7 @@
     [[recording]]                              one for each file: .mat (version 5), .npz, or .csv with names in line 1
     file = "run1.mat"
     pose_rad = [0.0]                           joints; or pose_deg; for frequency responses
+    offset = { m1 = 0.1 }                      optional, in this file in addition: of angles, references and signals
 
 Recordings with the same pose are experiments of one realization, in their order. Without period_s, segment_s and poses
 they are motions, for rigid bodies and for fits in the time domain. Nothing is mended: what cannot be used is refused
