@@ -59,7 +59,7 @@ Rest = tuple[int, str, np.ndarray, float | None]  # phase, end, coordinates, pat
 TimingName = Literal["given", "free"]
 TIMINGS: tuple[TimingName, ...] = get_args(TimingName)
 INTERVALS = 50
-EXACT_UP_TO = 8  # coordinates: above it the curvature of the constraints costs more than it saves
+EXACT_UP_TO = 8  # degrees of freedom: above it the curvature of the constraints costs more than it saves
 ACCURACY = 1e-5  # rad, and m for each meter of reach: largest error of the simulation of a solved problem
 TOLERANCE = 1e-9  # of IPOPT, on scaled constraints
 OPTIMALITY = 1e-7  # of the conditions of a minimum, scaled
@@ -254,7 +254,7 @@ class PlanProblem(Phase):
         warm : bool
             Start from the last solution of this problem, with its multipliers; sizes must be the same.
         hessian : str
-            ``"exact"``, ``"gauss-newton"`` (no curvature of constraints), ``"auto"``: exact up to 8 coordinates.
+            ``"exact"``, ``"gauss-newton"`` (no curvature of constraints), ``"auto"``: exact up to 8 degrees of freedom.
         verify : bool
             Simulate the full model under the planned torque.
         accuracy : float [rad, and m for each meter of reach, at most m]

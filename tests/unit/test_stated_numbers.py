@@ -92,7 +92,7 @@ SENTENCES = {
         ("that of the fit and above {:g} % of the torque", 100 * rigid_accuracy.SMALL),
     ),
     "docs/planning.md": (
-        ("is the default up to {:d} coordinates", planning.EXACT_UP_TO),
+        ("is the default up to {:d} degrees of freedom", planning.EXACT_UP_TO),
         ("The slack of an obstacle is {:g} mm", 1e3 * planning.TOUCH),
         ("of a ball at most {:g} % of its radius", 100 * planning.EXCESS),
         ("That of a bound is {:g} % of it", 100 * planned.EXCESS),
