@@ -24,7 +24,7 @@ from flexgen.equations_text.elements import Expr3, Forces, Symbols, chain_steps,
 from flexgen.equations_text.printing import Entry, Name, Row, Section, Sheet
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import Coordinate, RobotModel
-from flexgen.model.friction import refuse_harmonics
+from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 
 MAX_COORDINATES = 4
 
@@ -252,6 +252,7 @@ def _check_small(model: RobotModel) -> None:
         raise ArgumentError(
             f"symbolic: given a model with a counterbalance ({', '.join(balanced)}), expected none; {numeric}"
         )
+    refuse_hysteresis(model, "symbolic")
     refuse_harmonics(model, "symbolic")
     if model.n_a > MAX_COORDINATES:
         raise ArgumentError(

@@ -30,7 +30,7 @@ from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.quasistatic import targets
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.friction import refuse_harmonics
+from flexgen.model.friction import refuse_harmonics, refuse_hysteresis
 from flexgen.numerics.nlp import NlpResult, solve_nlp
 from flexgen.numerics.tableaus import Tableau, gauss, lobatto, radau
 from flexgen.numerics.transcription import Transcription
@@ -96,6 +96,7 @@ class PlanProblem(Phase):
         self, equations: Equations, path: Path, mesh: np.ndarray, table: Tableau, timing: str, limits: Limits | None,
         model_limits: bool, push: PlanForce | None = None,
     ) -> None:  # fmt: skip
+        refuse_hysteresis(equations.model, "plan_problem")
         refuse_harmonics(equations.model, "plan_problem", load=False)
         self.path, self.timing, self._table = path, timing, table
         self._limits, self._model_limits = limits, model_limits

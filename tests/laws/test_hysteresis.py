@@ -13,6 +13,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 import flexgen
+from flexgen.equations_text.equations import symbolic
 from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.inversion.sampling import second_time_derivative, time_derivative
 from flexgen.library.model_library import library_with
@@ -188,6 +189,8 @@ def test_what_does_not_take_hysteresis_refuses_it(tmp_path) -> None:
         "mujoco": lambda: flexgen.export_mujoco(model, tmp_path / "a.xml"),
         "full": lambda: flexgen.solve(model, method="full", progress=False),
         "study": lambda: flexgen.feedback_study(model),
+        "plan": lambda: flexgen.plan_problem(model),
+        "text": lambda: symbolic(model),
     }
     for name, call in calls.items():
         with pytest.raises(ArgumentError, match=told):

@@ -105,13 +105,16 @@ def test_a_mesh_that_is_given_is_kept(robot):
 
 
 def test_motions_without_inertia_are_as_accurate(monkeypatch):
-    """The zero of abb_arm at -2048 1/s: nothing damps what an interval leaves. Planted: positions as of other arms."""
+    """The zero of abb_arm at -2048 1/s: nothing damps what an interval leaves.
+
+    Planted: positions as of other arms. They need many more intervals, and are worse.
+    """
     arm = flexgen.read("abb_arm", variant="viscous")
     error, solution = error_of(arm, "turn", of_three_masses)
     assert error < 5e-4 and solution.intervals < 200 and not solution.warnings
     monkeypatch.setattr(routines, "is_massless", lambda *_: False)
     error, solution = error_of(replace(arm, name="abb_other"), "turn", of_three_masses)
-    assert error > 5e-3 and any("estimated error" in text for text in solution.warnings)
+    assert error > 1e-3 and solution.intervals > 300
 
 
 def test_a_last_element_without_inertia_is_a_motion_without_inertia(tmp_path):
