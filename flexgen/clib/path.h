@@ -31,11 +31,21 @@ static inline void quintic(real x, const real left[3], const real right[3], real
  */
 static inline void between_positions(real x, real T, real left[3], real right[3], real out[3])
 {
+#if BYTES == 8
     const real first = left[0], d = right[0] - first;
     left[0] = 0.0;
-    right[0] = T < PRECISE(4e-4, 1e9) ? 0.5 * (left[1] + right[1]) + (left[2] - right[2]) / 12.0 : d;
+    right[0] = T < 4e-4 ? 0.5 * (left[1] + right[1]) + (left[2] - right[2]) / 12.0 : d;
     quintic(x, left, right, out);
     out[0] = first + (out[0] + x * (d - right[0]));
+#else /* the quartic with these rates: even their difference has too few digits for the coefficients of a quintic */
+    const real d = right[1] - left[1];
+    const real a3 = d - (2.0 * left[2] + right[2]) / 3.0, a4 = 0.25 * (left[2] + right[2]) - 0.5 * d;
+    const real missing = (right[0] - left[0]) - (left[1] + 0.5 * left[2] + a3 + a4);
+    (void)T;
+    out[0] = left[0] + x * (left[1] + missing + x * (0.5 * left[2] + x * (a3 + x * a4)));
+    out[1] = left[1] + x * (left[2] + x * (3.0 * a3 + x * 4.0 * a4));
+    out[2] = left[2] + x * (6.0 * a3 + x * 12.0 * a4);
+#endif
 }
 
 #if MODEL_POSE

@@ -33,7 +33,7 @@ static inline void between_positions(real x, real T, real left[3], real right[3]
 {
     const real first = left[0], d = right[0] - first;
     left[0] = 0.0;
-    right[0] = T < PRECISE(4e-4, 1e9) ? 0.5 * (left[1] + right[1]) + (left[2] - right[2]) / 12.0 : d;
+    right[0] = T < 4e-4 ? 0.5 * (left[1] + right[1]) + (left[2] - right[2]) / 12.0 : d;
     quintic(x, left, right, out);
     out[0] = first + (out[0] + x * (d - right[0]));
 }
