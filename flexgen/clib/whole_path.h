@@ -674,7 +674,13 @@ static inline int newton_state(newton *s, real residual, real tolerance, real ta
 #endif
 
 /* largest residual at the samples of a status OK, in tolerances; the same where the error of a torque is larger */
-static const real sampled_tolerances = PRECISE(1e2, 1.0), exact_tolerances = PRECISE(0.0, 1.0), torque_error_max = 5e-3;
+static const real sampled_tolerances = PRECISE(1e2, 1.0), torque_error_max = 5e-3;
+#if MODEL_HARMONICS
+/* they accelerate rotors within an interval, which the estimate takes for a ripple */
+static const real exact_tolerances = PRECISE(1e-2, 1.0);
+#else  /* MODEL_HARMONICS */
+static const real exact_tolerances = PRECISE(0.0, 1.0);
+#endif /* MODEL_HARMONICS */
 
 /* The results at the samples: arrays of the caller or of the workspace, sample after sample. */
 typedef struct {

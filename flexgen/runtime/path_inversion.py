@@ -54,10 +54,10 @@ class Inversion:
     converged : bool
         Whether ``residual_at_samples`` is within 100 tolerances (in single precision within the tolerance),
         ``kinematic_mismatch`` below 0.02 (0.25), and ``torque_error`` within 0.005 (or ``residual_at_samples`` within
-        the tolerance): then the output is off by at most 10 tolerances, 1e-5 rad or m for each meter of reach by
-        default, the accuracy of `flexgen.solve`. If not, use a shorter period of the mesh: fewer samples per interval,
-        or a shorter sampling period. Without unactuated coordinates the residual is zero, and only the mismatch is
-        checked.
+        the tolerance; with Fourier sums of motor angles within a hundredth of it): then the output is off by at most 10
+        tolerances, 1e-5 rad or m for each meter of reach by default, the accuracy of `flexgen.solve`. If not, use a
+        shorter period of the mesh: fewer samples per interval, or a shorter sampling period. Without unactuated
+        coordinates the residual is zero, and only the mismatch is checked.
     deviation_m, deviation_rad : float
         Of `Library.invert_limited`: largest distance [m] and angle [rad] from the given path; else 0.
     limit_excess : float

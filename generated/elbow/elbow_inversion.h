@@ -234,13 +234,14 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options);
  * before the path where zeros are unstable (n_pre), and after it until the stable zeros have decayed (n_post). OK: the
  * residual is within the tolerance on the mesh and within 100 tolerances at the samples (single precision: within the
  * tolerance), the kinematic mismatch is below 0.02 (0.25), and the torque error is at most 0.005 (or the residual at
- * the samples within the tolerance). A residual of 1e-4 at the samples moves the output by at most 1e-5 rad, and m for
- * each meter of reach: what flexgen solve accepts. TOLERANCE_NOT_MET: the iteration converged on the mesh, but the
- * result between its nodes is not accurate: use a shorter period of the mesh (fewer samples_per_interval, or a shorter
- * sampling period), or a smoother path. Do not use the results where the status is negative. BAD_ARGUMENT also means
- * that the path does not begin and end at rest. UNREACHABLE also means that no equilibrium was found from q_start.
- * Without unactuated coordinates nothing is solved and the residual is zero. Arrays are stored sample after sample:
- * entry i of sample k is x[k * n_a + i]. Stack: at most 11264 bytes.
+ * the samples within the tolerance); with Fourier sums of motor angles a residual within a hundredth of the tolerance
+ * replaces it. A residual of 1e-4 at the samples moves the output by at most 1e-5 rad, and m for each meter of reach:
+ * what flexgen solve accepts. TOLERANCE_NOT_MET: the iteration converged on the mesh, but the result between its nodes
+ * is not accurate: use a shorter period of the mesh (fewer samples_per_interval, or a shorter sampling period), or a
+ * smoother path. Do not use the results where the status is negative. BAD_ARGUMENT also means that the path does not
+ * begin and end at rest. UNREACHABLE also means that no equilibrium was found from q_start. Without unactuated
+ * coordinates nothing is solved and the residual is zero. Arrays are stored sample after sample: entry i of sample k
+ * is x[k * n_a + i]. Stack: at most 11264 bytes.
  *
  *   samples                     samples of the output
  *   q_start   n_a       [mixed] initial guess of the equilibrium at the first sample

@@ -383,7 +383,8 @@ static inline elbow_status check_arguments(const elbow_samples *p, const real *p
 }
 
 /* largest residual at the samples of a status OK, in tolerances; the same where the error of a torque is larger */
-static const real sampled_tolerances = PRECISE(1e2, 1.0), exact_tolerances = PRECISE(0.0, 1.0), torque_error_max = 5e-3;
+static const real sampled_tolerances = PRECISE(1e2, 1.0), torque_error_max = 5e-3;
+static const real exact_tolerances = PRECISE(0.0, 1.0);
 
 /* The results at the samples: arrays of the caller or of the workspace, sample after sample. */
 typedef struct {
