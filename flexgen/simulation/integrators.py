@@ -2,8 +2,8 @@
 
 The explicit Runge-Kutta method of order 8 needs steps as short as the fastest decaying part, also where that part has
 decayed long ago: sharp friction of a light rotor makes it take millions of evaluations. Where it needs more than `RATE`
-evaluations for each second of motion, LSODA continues from the state that was reached; it changes by itself between
-Adams methods and backward differentiation formulas, whose steps follow the motion alone.
+evaluations for each second of motion and `EACH` for each instant, LSODA continues from the state that was reached; it
+changes by itself between Adams methods and backward differentiation formulas, whose steps follow the motion alone.
 
 With a C compiler the explicit method and the right-hand side run in C, else in scipy and CasADi; the steps are the
 same.
@@ -29,8 +29,8 @@ from flexgen.simulation.motor_feedback import MotorFeedback
 
 EVALUATIONS = 5_000_000  # a few minutes of the explicit method; a long motion may take LONG each second
 LONG = 3e5
-RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff,
-EACH = 60.0  # and above so many for each instant, where the torque has another piece: one step takes twelve
+RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
+EACH = 60.0  # for each instant, where the torque has another piece: not stiff below it (a step takes twelve)
 BLOCK = 5_000  # evaluations over which the rate is measured
 RTOL_STIFF, ATOL_STIFF = 1e-10, 1e-11  # below them the implicit method solves for rounding
 EVALUATIONS_STIFF = 400_000  # about a minute of the implicit method
@@ -131,7 +131,7 @@ def integrate(
         else CompiledDop853(loop.compiled, loop.given, t, start, rtol, atol, loop.feedback)
     )
     before, method, k, reported = 0, EXPLICIT, 1, time.perf_counter()
-    mark, fast = (float(t[0]), 0), max(RATE, EACH * (len(t) - 1) / float(t[-1] - t[0]))
+    mark, fast = (float(t[0]), 0), max(RATE, EACH / float(np.diff(t).mean()) if len(t) > 1 else 0.0)
     while k < len(t):
         check_time(f"simulation at t = {solver.t:.6g} of {t[-1]:.6g} s")
         k = solver.advance(out, k, BLOCK)

@@ -191,6 +191,9 @@ def test_linear_motions_are_exponentials_and_stiff_ones_change_the_method(monkey
     assert found.method == "LSODA"
     assert_allclose(found.states, [expm(stiff * (s - 0.5)) @ x for s in t], atol=1e-8)
     assert lines[0].startswith("simulation: t = ") and "of 2.500 s, " in lines[0] and lines[-1].endswith("LSODA")
+    dense = np.linspace(0.5, 2.5, 2001)  # a step for each instant is not stiff
+    assert integrators.integrate(linear(stiff), x, dense, 1e-11, np.full(2, 1e-12)).method == "DOP853"
+    assert_allclose(integrators.integrate(linear(A), x, t[:1], 1e-11, np.full(2, 1e-12)).states, [x])
     monkeypatch.setattr(integrators, "EVALUATIONS", 60)
     monkeypatch.setattr(integrators, "LONG", 30.0)
     with pytest.raises(SolverError, match=r"stopped at t = \S+ of 2\.5 s after \d+ evaluations; check the units"):
