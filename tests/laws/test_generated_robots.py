@@ -10,8 +10,10 @@ import dataclasses
 import os
 from pathlib import Path
 
+import inverted_in_c
 import numpy as np
 import pytest
+from clib_planted import plant_in_c
 from generated_robots import FAMILIES, KINDS, MOVES, generated_robot, kind_of, robots_folder
 from generated_runs import LIMIT, run
 from inverted_in_c import inversion_in_c
@@ -146,3 +148,17 @@ def test_moves_that_solve_verifies_have_status_ok_in_c(number: int, tmp_path: Pa
         if not found.converged:
             doubted.append(move.name)
     assert doubted == []
+
+
+@needs_robots
+@pytest.mark.slow
+def test_a_small_residual_does_not_hide_wrong_torques(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the reduced inertia is singular at a pose of the path; planted: a residual of 1e-8 is enough for OK."""
+    assert FOLDER is not None
+    model = read(generated_robot(82, FOLDER, tmp_path))
+    monkeypatch.setattr(inverted_in_c, "MESH", 1.25e-3)
+    found = inversion_in_c(derive(model), "m1")
+    assert found.torque_error > 0.1 and found.residual_at_samples < 1e-8 and not found.converged
+    rule = "exact_tolerances = PRECISE({}, 1.0)"
+    plant_in_c(monkeypatch, "whole_path.h", rule.format("0.0"), rule.format("1e-2"))
+    assert inversion_in_c(derive(dataclasses.replace(model, name="other")), "m1").converged
