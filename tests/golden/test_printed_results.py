@@ -47,23 +47,40 @@ def prediction(error_m: float | None, error_rad: float | None, halves: int) -> P
     band = Band(("m1",), np.ones((2, 1)), np.full((2, 1), 0.5), 2 * np.ones((2, 1)))
     arm = Made(title="arm", output=Made(type="combination" if error_m is None else "tool_pose"))
     return made(
-        Prediction, solution=Made(model=arm, move=Made(name="line")), feedback=Made(title="P-PI of 6 Hz"),
-        sources=("a", "b", "c"), sd=np.array([0.1, 0.2, 0.3]), robots=48, seed=3, error_m=error_m, error_rad=error_rad,
-        errors_m=None, errors_rad=np.array([1e-4, 2e-4]), time=np.array([0.0, 1.0]), torque=band, deflection=band,
+        Prediction,
+        solution=Made(model=arm, move=Made(name="line")),
+        feedback=Made(title="P-PI of 6 Hz"),
+        sources=("a", "b", "c"),
+        sd=np.array([0.1, 0.2, 0.3]),
+        robots=48,
+        seed=3,
+        error_m=error_m,
+        error_rad=error_rad,
+        errors_m=None,
+        errors_rad=np.array([1e-4, 2e-4]),
+        time=np.array([0.0, 1.0]),
+        torque=band,
+        deflection=band,
         shares=tuple(Share(f"source {x}", "friction", x) for x in (0.625, 0.3701, 0.005, 0.00499)),
         to_halve=tuple(f"number {k}" for k in range(halves)),
-    )  # fmt: skip
+    )
 
 
 def servo(explained: float) -> ServoFit:
     law = flexgen.Cascade([20.0, 31.25], [5.0, 0.7], [1.0, 8.123456])
     return made(
-        ServoFit, servo=flexgen.Servo(law, speed_feedforward=0.85, reference_filter_s=2.5e-3, sample_time=1e-3),
-        latency_s=3.125e-3, gain_sd=np.array([[0.011, 0.02], [0.03, 0.04], [0.05, 0.1234]]),
+        ServoFit,
+        servo=flexgen.Servo(law, speed_feedforward=0.85, reference_filter_s=2.5e-3, sample_time=1e-3),
+        latency_s=3.125e-3,
+        gain_sd=np.array([[0.011, 0.02], [0.03, 0.04], [0.05, 0.1234]]),
         common_sd={"speed_feedforward": 0.0123, "reference_filter_s": 1.5e-5, "latency_s": 2.5e-6},
-        unexplained=np.array([1e-5, 3e-5]), explained=explained, motors=("m1", "m2"), record=Made(source="a.csv"),
-        interpolation="linear", model="arm",
-    )  # fmt: skip
+        unexplained=np.array([1e-5, 3e-5]),
+        explained=explained,
+        motors=("m1", "m2"),
+        record=Made(source="a.csv"),
+        interpolation="linear",
+        model="arm",
+    )
 
 
 def commands(failure: str, saturated: int, active: tuple[str, ...]) -> PositionCommands:
@@ -71,14 +88,29 @@ def commands(failure: str, saturated: int, active: tuple[str, ...]) -> PositionC
     time = np.array([-0.25, 0.0, 0.25, 0.5])
     joint = np.array([[0.0, 0.1], [0.1, 0.1], [0.3, 0.0], [0.2, 0.05]])
     run, today = (
-        Made(model=model, solution=Made(move=Made(name="line")), nominal=Made(failure=failure, saturated=saturated),
-             tool_error_max_m=size, tool_error_max_rad=2 * size if saturated else None)
+        Made(
+            model=model,
+            solution=Made(move=Made(name="line")),
+            nominal=Made(failure=failure, saturated=saturated),
+            tool_error_max_m=size,
+            tool_error_max_rad=2 * size if saturated else None,
+        )
         for size in (2.5e-5, 3e-3)
-    )  # fmt: skip
+    )
     return made(
-        PositionCommands, time=time, motor=100 * joint, joint=joint, joints=("q1", "q2"), units=("rad", "m"),
-        period=0.25, interpolation="cubic", servo=None, run=run, today=today, active=active,
-    )  # fmt: skip
+        PositionCommands,
+        time=time,
+        motor=100 * joint,
+        joint=joint,
+        joints=("q1", "q2"),
+        units=("rad", "m"),
+        period=0.25,
+        interpolation="cubic",
+        servo=None,
+        run=run,
+        today=today,
+        active=active,
+    )
 
 
 def gears(status: GearStatus) -> GearFit:
@@ -93,10 +125,20 @@ def gears(status: GearStatus) -> GearFit:
         Number("m1.cogging.cos_2", 0.25, 0.01, "N m", ("motor.m1.cogging", "cos", 0), True),
     )
     return made(
-        GearFit, robot=Made(title="arm"), numbers=numbers, status=status, unexplained=np.array([0.5, 0.2]),
-        noise=np.array([0.4, 0.1]), band_hz=24.5, delay_s=1.25e-4, joints=("q1",), loops=np.zeros((3, 1, 3)),
-        harmonics=(1, 3), cogging=(2,), laws={f"{key}.hysteresis": ({"exponent": 2.0, "gamma": 0.5},)},
-    )  # fmt: skip
+        GearFit,
+        robot=Made(title="arm"),
+        numbers=numbers,
+        status=status,
+        unexplained=np.array([0.5, 0.2]),
+        noise=np.array([0.4, 0.1]),
+        band_hz=24.5,
+        delay_s=1.25e-4,
+        joints=("q1",),
+        loops=np.zeros((3, 1, 3)),
+        harmonics=(1, 3),
+        cogging=(2,),
+        laws={f"{key}.hysteresis": ({"exponent": 2.0, "gamma": 0.5},)},
+    )
 
 
 def calibration(shared: bool, converged: bool = True) -> Calibration:
@@ -105,12 +147,21 @@ def calibration(shared: bool, converged: bool = True) -> Calibration:
     unknowns = tuple(Made(name=n, kind=k, start=0.5, unit="rad", sd=0.1) for n, k in zip(names, kinds, strict=True))
     errors = np.array([[1e-4, 2e-4], [np.nan, 6e-4]])
     out = made(
-        Calibration, nominal=Made(title="arm"), poses=Poses(), unknowns=unknowns, x=np.arange(9.0),
-        covariance=np.diag([1e-4, 0.0, 9e-3, *[1e-6] * 6]), errors_before=20 * errors, errors=errors,
-        errors_held_out=2 * errors if shared else None, errors_seen=1.5 * errors if shared else None, sag=3 * errors,
-        tilt=Tilt("chest", 2e-4, np.array([1e-3, 2e-3, 0.0]), 9e-4) if shared else None, converged=converged,
+        Calibration,
+        nominal=Made(title="arm"),
+        poses=Poses(),
+        unknowns=unknowns,
+        x=np.arange(9.0),
+        covariance=np.diag([1e-4, 0.0, 9e-3, *[1e-6] * 6]),
+        errors_before=20 * errors,
+        errors=errors,
+        errors_held_out=2 * errors if shared else None,
+        errors_seen=1.5 * errors if shared else None,
+        sag=3 * errors,
+        tilt=Tilt("chest", 2e-4, np.array([1e-3, 2e-3, 0.0]), 9e-4) if shared else None,
+        converged=converged,
         warnings=("poses have an error above",),
-    )  # fmt: skip
+    )
     return out
 
 

@@ -234,9 +234,14 @@ def test_changes_of_gears_are_a_compromise_of_responses_and_prior() -> None:
         return 0.1 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
 
     model = Linearization(
-        w=np.geomspace(2.0, 50.0, 12), G=of(2, 12, 1, 1), L=of(2, 12, 1, 2), S=of(2, 12, 2, 2), P=of(2, 12, 2, 1),
-        stiffness=np.array([3.0]), inertia=np.array([0.2]),
-    )  # fmt: skip
+        w=np.geomspace(2.0, 50.0, 12),
+        G=of(2, 12, 1, 1),
+        L=of(2, 12, 1, 2),
+        S=of(2, 12, 2, 2),
+        P=of(2, 12, 2, 1),
+        stiffness=np.array([3.0]),
+        inertia=np.array([0.2]),
+    )
     x, h = np.array([0.3, -0.1, 0.2, 0.5]), 1e-6
     assert model.frequency == pytest.approx(10.0)
     assert_allclose(model.prior, [2.0, 0.5, 0.5, 5.0])

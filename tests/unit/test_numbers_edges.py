@@ -275,14 +275,18 @@ def test_rates_of_torques_are_bounded_at_both_ends_of_each_interval() -> None:
     tau = np.stack([3.0 * t**2 - t, 7.0 * t])
     seen: list[tuple[Any, float, float]] = []
     phase: Any = Made(
-        mesh=mesh, number=0, continuous_torque=lambda: None,
+        mesh=mesh,
+        number=0,
+        continuous_torque=lambda: None,
         nodes=lambda name: ca.DM(tau) if name == "tau_m" else ca.DM([0.0, 0.5, 0.75]),
         subject_to=lambda value, low, high, name: seen.append((value, low, high)),
-    )  # fmt: skip
+    )
     model_limits._bound_rates(phase, np.array([2.0, np.inf]), True)
     slopes = 6.0 * np.array([0.0, 0.5, 0.5, 0.75]) - 1.0
-    assert [np.array(value).ravel() == pytest.approx(sign * slopes - 0.75 * 2.0) for value, sign in
-            zip((x[0] for x in seen), (1, -1), strict=True)] == [True, True]  # fmt: skip
+    assert [
+        np.array(value).ravel() == pytest.approx(sign * slopes - 0.75 * 2.0)
+        for value, sign in zip((x[0] for x in seen), (1, -1), strict=True)
+    ] == [True, True]
     assert [x[1:] for x in seen] == [(-np.inf, 0.0)] * 2
     phase.number = 1
     with pytest.raises(ArgumentError, match="one phase: between two the torque jumps"):
@@ -304,9 +308,11 @@ def test_deflections_have_the_spectrum_of_the_torques_that_drives_give() -> None
     M, D, K, B = np.eye(3) + 0.1 * np.diag(of(3)) ** 2, 0.1 * np.eye(3), np.diag([5.0, 7.0, 9.0]), of(3, 2)
     rows, w, U = of(2, 3), np.array([0.7, 1.9]), of(1, 2, 2, 1) + 1j * of(1, 2, 2, 1)
     model: Any = Made(
-        matrices=lambda *_: tuple(x[None] for x in (M, D, K, B)), springs=(0, 1), deflection_rows=rows,
+        matrices=lambda *_: tuple(x[None] for x in (M, D, K, B)),
+        springs=(0, 1),
+        deflection_rows=rows,
         model=Made(n_m=2),
-    )  # fmt: skip
+    )
     drive: Any = Made(transfer=lambda w, n_m: np.outer(1 / w, [2.0, 3.0]) * (1 + 0.5j))
     name = next(k for k, x in vars(LocalModel).items() if callable(x) and "UU" in getattr(x, "__annotations__", {}))
     found = getattr(LocalModel, name)(model, np.zeros(1), np.zeros((1, 2)), w, drive, U @ U.conj().swapaxes(-1, -2))
@@ -322,7 +328,7 @@ def test_deflections_have_the_spectrum_of_the_torques_that_drives_give() -> None
 def test_problems_of_a_card_are_as_many_in_each_array(problems: dict[str, int], own: str) -> None:
     """Of `flexgen.cuda.inversion`: paths, parameters or begins, one of each or one for each problem."""
     shapes = {"y": (9, 3), "dy": (9, 3), "ddy": (9, 3), "q_start": (2,), "parameters": (6,)}
-    asked: dict[str, tuple[Any, ...]] = {}
+    asked: dict[str, tuple[int, ...]] = {}
     given: dict[str, Any] = {}
     for name, shape in shapes.items():
         many = problems.get("y" if name in ("dy", "ddy") else name)
@@ -418,8 +424,14 @@ def test_defaults_of_parameters_are_literals_or_constants_of_modules(monkeypatch
         return verb_parameters._value(module, ast.parse(word, mode="eval").body)
 
     assert [value(x) for x in ("D", "E", "F", "-4.5", "'text'", "C", "f(1)")] == [
-        3, [1, "x"], 2.5, -4.5, "text", None, None,
-    ]  # fmt: skip
+        3,
+        [1, "x"],
+        2.5,
+        -4.5,
+        "text",
+        None,
+        None,
+    ]
     assert value("I", "b") is None and value("None") is None
 
 
@@ -434,9 +446,27 @@ def test_rules_of_series_are_repeated_derivatives(code: int) -> None:
     found = rule(points[:, :, None], others[:, :, None])
     for k, (a, b) in enumerate(zip(points, others, strict=True)):
         x, y = (ca.SX(sum(float(c) * t**n for n, c in enumerate(row))) for row in (a, b))
-        unary = code in (ca.OP_NEG, ca.OP_TWICE, ca.OP_SQ, ca.OP_INV, ca.OP_SQRT, ca.OP_EXP, ca.OP_LOG, ca.OP_SIN,
-                         ca.OP_COS, ca.OP_TAN, ca.OP_SINH, ca.OP_COSH, ca.OP_TANH, ca.OP_ATAN, ca.OP_ASINH,
-                         ca.OP_FABS, ca.OP_SIGN, ca.OP_NOT, ca.OP_ASSIGN)  # fmt: skip
+        unary = code in (
+            ca.OP_NEG,
+            ca.OP_TWICE,
+            ca.OP_SQ,
+            ca.OP_INV,
+            ca.OP_SQRT,
+            ca.OP_EXP,
+            ca.OP_LOG,
+            ca.OP_SIN,
+            ca.OP_COS,
+            ca.OP_TAN,
+            ca.OP_SINH,
+            ca.OP_COSH,
+            ca.OP_TANH,
+            ca.OP_ATAN,
+            ca.OP_ASINH,
+            ca.OP_FABS,
+            ca.OP_SIGN,
+            ca.OP_NOT,
+            ca.OP_ASSIGN,
+        )
         value = x if code == ca.OP_ASSIGN else ca.SX.unary(code, x) if unary else ca.SX.binary(code, x, y)
         for order in range(7):
             expected = float(ca.Function("f", [t], [value])(0.0)) / math.factorial(order)
@@ -460,10 +490,12 @@ def test_drawn_robots_have_names_and_factors_of_their_sources(monkeypatch: pytes
     """Of `flexgen.uncertainty.in_loop`: 1 and the error, and what is added to the payload, counted from one."""
     model: Any = Made(uncertainty="table")
     sources = Made(
-        root=np.zeros((2, 3)), added=np.array([False, True]), owner=[0, 0, 1],
+        root=np.zeros((2, 3)),
+        added=np.array([False, True]),
+        owner=[0, 0, 1],
         parameters=[Made(name=name) for name in ("q1.stiffness", "q2.stiffness", PAYLOAD)],
         errors=lambda z: np.column_stack([z[:, 0], 10.0 + z[:, 1]]),
-    )  # fmt: skip
+    )
     monkeypatch.setattr(in_loop, "sources_of", lambda robot, table: sources)
     found = in_loop.draw_plants(model, 2, seed=5)
     z = np.random.default_rng(5).standard_normal((2, 3))
@@ -504,12 +536,18 @@ def test_operations_at_random_states_are_those_of_c() -> None:
     a, b = np.array([0.0, 1.0, 2.0, 2.0, -1.5]), np.array([0.0, 2.0, 1.0, 2.0, 0.0])
     pairs = list(zip(a.tolist(), b.tolist(), strict=True))
     expected: dict[str, Any] = {
-        "add": [x + y for x, y in pairs], "sub": [x - y for x, y in pairs], "mul": [x * y for x, y in pairs],
-        "lt": [float(x < y) for x, y in pairs], "le": [float(x <= y) for x, y in pairs],
-        "eq": [float(x == y) for x, y in pairs], "ne": [float(x != y) for x, y in pairs],
-        "and": [float(bool(x) and bool(y)) for x, y in pairs], "or": [float(bool(x) or bool(y)) for x, y in pairs],
-        "if_else_zero": [y if x else 0.0 for x, y in pairs], "pow": [x**y for x, y in pairs],
-    }  # fmt: skip
+        "add": [x + y for x, y in pairs],
+        "sub": [x - y for x, y in pairs],
+        "mul": [x * y for x, y in pairs],
+        "lt": [float(x < y) for x, y in pairs],
+        "le": [float(x <= y) for x, y in pairs],
+        "eq": [float(x == y) for x, y in pairs],
+        "ne": [float(x != y) for x, y in pairs],
+        "and": [float(bool(x) and bool(y)) for x, y in pairs],
+        "or": [float(bool(x) or bool(y)) for x, y in pairs],
+        "if_else_zero": [y if x else 0.0 for x, y in pairs],
+        "pow": [x**y for x, y in pairs],
+    }
     for name, values in expected.items():
         assert pivot_guards._CALLS[name](a, b).tolist() == values, name
     for name, values in (

@@ -74,9 +74,14 @@ def test_signals_in_the_band_of_a_record_are_what_they_were() -> None:
     of_noise = signals_of(record_of(noise=1e-4), 2, None)
     again = signals().angle_noise(np.random.default_rng(2))
     check_numbers(
-        "gear_signals", given=signals(), found=of_noise, noise=[x.torque_noise for x in (signals(), of_noise)],
-        again=again, margin=signals().margin, torques=signals().torques(signals().tau_m),
-    )  # fmt: skip
+        "gear_signals",
+        given=signals(),
+        found=of_noise,
+        noise=[x.torque_noise for x in (signals(), of_noise)],
+        again=again,
+        margin=signals().margin,
+        torques=signals().torques(signals().tau_m),
+    )
 
 
 def test_the_model_of_a_record_is_what_it_was() -> None:
@@ -85,11 +90,21 @@ def test_the_model_of_a_record_is_what_it_was() -> None:
     error, J = model.derivatives(theta, model.motion)
     J = np.moveaxis(J, -1, 0) / np.abs(J).max(axis=(0, 1))[:, None, None]
     check_numbers(
-        "gear_model", 1e-5, start=model.start, units=model.units, numbers=model.numbers(theta), first=model.first,
-        bounds=np.clip(fit._bounds(model), -1e3, 1e3), step=model.segments.step, e=error, J=J,
-        loops=model.loops(theta, error), noise=model.noise(theta), excess=model.excess(theta, error),
+        "gear_model",
+        1e-5,
+        start=model.start,
+        units=model.units,
+        numbers=model.numbers(theta),
+        first=model.first,
+        bounds=np.clip(fit._bounds(model), -1e3, 1e3),
+        step=model.segments.step,
+        e=error,
+        J=J,
+        loops=model.loops(theta, error),
+        noise=model.noise(theta),
+        excess=model.excess(theta, error),
         misfit=fit._misfit(error, model.measured),
-    )  # fmt: skip
+    )
 
 
 def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
@@ -104,9 +119,15 @@ def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
     size = np.where(np.diag(H) > 0.0, np.sqrt(np.diag(H)), 1.0)
     assert dropped and not fit._drop(model, weak, lower, upper)
     check_numbers(
-        "gear_step", 1e-4, weights=white(e), bounds=np.clip(bounds, -1e3, 1e3), theta=weak, scores=scores * size,
-        H=H / np.outer(size, size), unknown=np.sqrt(np.diag(unknown)),
-    )  # fmt: skip
+        "gear_step",
+        1e-4,
+        weights=white(e),
+        bounds=np.clip(bounds, -1e3, 1e3),
+        theta=weak,
+        scores=scores * size,
+        H=H / np.outer(size, size),
+        unknown=np.sqrt(np.diag(unknown)),
+    )
 
 
 @pytest.mark.parametrize("converged", [True, False])
@@ -120,9 +141,14 @@ def test_the_result_of_a_fit_has_the_numbers_of_the_model(converged: bool) -> No
     assert str(result.status) == ("model error" if converged else "not converged"), result.status
     names = [number.name for number in result.numbers]
     assert names[:8] == [
-        *FREE, "q1.hysteresis.lost_motion", "q1.hysteresis.stiffness", "q1.hysteresis.lost_motion_1",
-        "q1.hysteresis.stiffness_1", "q1.hysteresis.exponent_1", "q1.hysteresis.lost_motion_2",
-    ]  # fmt: skip
+        *FREE,
+        "q1.hysteresis.lost_motion",
+        "q1.hysteresis.stiffness",
+        "q1.hysteresis.lost_motion_1",
+        "q1.hysteresis.stiffness_1",
+        "q1.hysteresis.exponent_1",
+        "q1.hysteresis.lost_motion_2",
+    ]
     name = "converged" if converged else "open"
     check_numbers(f"gear_result_{name}", 1e-5, result=result, known=[number.determined for number in result.numbers])
 

@@ -193,17 +193,25 @@ def test_deviations_of_spectra_are_means_over_seven_lines() -> None:
     ],
 )
 def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
-    converged: bool, at_bound: bool, cost: float, error: float, bent: bool, before: str, status: str,
+    converged: bool,
+    at_bound: bool,
+    cost: float,
+    error: float,
+    bent: bool,
+    before: str,
+    status: str,
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     """``error``: of the angles, over the largest that is small."""
     monkeypatch.setattr(time_domain, "_frictions", lambda found: ["m1.coulomb"] if bent else ["m1.viscous"])
     fit: Any = SimpleNamespace(converged=converged, at_bound=np.array([False, at_bound]), x=2.0)
     measured = np.array([3.0, 4.0])
     simulated: Any = SimpleNamespace(
-        residual=lambda x: x * error * time_domain.SMALL_ERROR * measured / 2.0 / 0.5, sd=0.5, measured=measured,
+        residual=lambda x: x * error * time_domain.SMALL_ERROR * measured / 2.0 / 0.5,
+        sd=0.5,
+        measured=measured,
         local=SimpleNamespace(springs=()),
-    )  # fmt: skip
+    )
     found: Any = SimpleNamespace(status=FitStatus[before])
     assert time_domain._status(fit, cost, simulated, found) == FitStatus[status]
     assert time_domain._status(fit, time_domain.COST_MOST, simulated, found) == (
