@@ -10,7 +10,7 @@ Of `flexgen.exports.added`, `flexgen.exports.emitted`, `flexgen.exports.exported
 `flexgen.exports.plcopen.blocks`, `flexgen.exports.plcopen.export`, `flexgen.exports.plcopen.text`,
 `flexgen.exports.poses`, `flexgen.exports.ros2.export`, `flexgen.exports.selftest.cases`,
 `flexgen.exports.selftest.export`, `flexgen.exports.selftest.golden`, `flexgen.exports.selftest.motion`,
-`flexgen.exports.simulink.export`, `flexgen.library.source_folder`, `flexgen.codegen.template`,
+`flexgen.exports.simulink.export`, `flexgen.library.source_folder`, `flexgen.library.template_files`,
 `flexgen.exports.urdf`, `flexgen.exports.xml_text`.
 """
 

@@ -9,10 +9,10 @@ from typing import Any
 
 from flexgen.codegen.c_text import comment, quote
 from flexgen.codegen.interface import TOLERANCES
-from flexgen.codegen.template import template
 from flexgen.errors import BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
+from flexgen.library.template_files import template
 from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.exports.mex"

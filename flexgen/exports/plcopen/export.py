@@ -6,12 +6,12 @@ import os
 import re
 
 from flexgen.codegen.c_text import comment
-from flexgen.codegen.template import template
 from flexgen.errors import BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.plcopen.blocks import Block, blocks, struct
 from flexgen.exports.plcopen.text import structured_text, xml
+from flexgen.library.template_files import template
 from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.exports.plcopen"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
-from flexgen.codegen.template import xml_text
 from flexgen.exports.plcopen.blocks import Block, Variable
+from flexgen.library.template_files import xml_text
 from flexgen.version import __version__
 
 _XML_SECTIONS = {"VAR_INPUT": "inputVars", "VAR_OUTPUT": "outputVars", "VAR": "localVars"}

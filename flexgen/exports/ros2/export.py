@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 
 from flexgen.codegen.c_text import quote
-from flexgen.codegen.template import template, xml_text, yaml_text
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.selftest.golden import output_at
+from flexgen.library.template_files import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import propose_gains
 from flexgen.model.elements import RobotModel

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 
 from flexgen.codegen.spec import PrecisionName
-from flexgen.codegen.template import template
 from flexgen.errors import SolverError
 from flexgen.exports.emitted import ModelLike, emit
 from flexgen.exports.exported import Exported
 from flexgen.exports.selftest.cases import cases
 from flexgen.exports.selftest.golden import at_rest, compute_expected, states
 from flexgen.exports.selftest.motion import motion_of
+from flexgen.library.template_files import template
 from flexgen.model.friction import bristled_motors
 from flexgen.model.moves import Move
 from flexgen.type_checks import checked_types

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 
 from flexgen.codegen.c_text import comment
-from flexgen.codegen.template import template
 from flexgen.exports.emitted import Emitted, ModelLike, emit
 from flexgen.exports.exported import Exported
+from flexgen.library.template_files import template
 from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.exports.simulink"
