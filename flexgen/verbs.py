@@ -92,7 +92,8 @@ generate MODEL | generate:generate | generate
             damping, friction, q2.stiffness, ...
         parts NAME,NAME,... names --with: optional parts: bvp, another method for whole paths, to check invert;
             derivatives: products with derivatives of the functions, for JAX and PyTorch; force: a force on the tool
-            along paths; position: positions to send to the servo of the model file
+            along paths; limits: limits of gears, springs, joints and tool in streams; position: positions to send to
+            the servo of the model file
         precision NAME in=double/single old=--single=single: of the numbers in C; default: {default}
     compilation
         no_build: write the sources, do not compile

@@ -369,20 +369,6 @@ static inline int motor_of_torque(const limited_call *m, int kind)
     return kind < NM ? kind : kind >= OF_CURVE ? (kind - OF_CURVE) / (2 * m->edges) : -1;
 }
 
-/* The largest torque of a motor at rest by an edge of its torque-speed curve, and what the speed takes from it; the
- * first is infinite where there is no edge. */
-static inline real edge_of_curve(const model_inversion_limits *limits, int motor, int edge, real *load)
-{
-    const real *from = limits->torque_speed + ((ptrdiff_t)motor * limits->torque_speed_points + edge) * 2;
-    const real run = from[2] - from[0];
-    *load = 0.0;
-    if (!(run > 0.0)) {
-        return (real)INFINITY;
-    }
-    *load = (from[1] - from[3]) / run;
-    return from[3] + *load * from[2];
-}
-
 /* The limit of a quantity; infinite where there is none. */
 static inline real limit_of(const model_inversion_limits *limits, int kind, int edges)
 {
@@ -539,45 +525,6 @@ int64_t model_invert_limited_work(int n, const model_inversion_options *options,
 {
     limited_call m;
     return options != NULL && limits != NULL && n >= 2 && lay_out_limited(n, options, limits, NULL, &m) ? m.end : -1;
-}
-
-/* Whether all limits are positive; no NaN. */
-static int are_limits(const real *limits, int size)
-{
-    for (int i = 0; i < size && limits != NULL; ++i) {
-        if (!(limits[i] > 0.0)) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
-/* Whether each edge of the torque-speed curves has torque at rest, and takes from it with the speed; no NaN. */
-static int are_curves(const model_inversion_limits *limits)
-{
-    for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
-        for (int edge = 0; edge < limits->torque_speed_points - 1; ++edge) {
-            real load;
-            const real most = edge_of_curve(limits, i, edge, &load);
-            if (!(most > 0.0 && load >= 0.0 && load < (real)INFINITY)) {
-                return 0;
-            }
-        }
-        if (!(limits->torque_speed[((ptrdiff_t)i + 1) * limits->torque_speed_points * 2 - 2] > 0.0)) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
-/* Whether all given limits are in their range. */
-static int are_in_range(const model_inversion_limits *l)
-{
-    return are_limits(l->torque_max, NM) && are_limits(l->speed_max, NM) && are_limits(l->deflection_max, NE) &&
-           are_limits(l->gear_torque_max, NG) && are_limits(l->torque_rate_max, NM) &&
-           are_limits(l->joint_speed_max, NG) && are_limits(l->joint_acceleration_max, NG) &&
-           l->tool_speed_max >= 0.0 && l->tool_acceleration_max >= 0.0 &&
-           (l->torque_speed == NULL || (l->torque_speed_points >= 2 && are_curves(l)));
 }
 
 /* The path with the deviation of the coefficients. */

@@ -172,10 +172,76 @@ static inline int run_qp(qp *p, real price, int steps)
 
 /* --- Change of the path within the horizon of a stream. */
 
+#if BYTES == 8
+/* The largest torque of a motor at rest by an edge of its torque-speed curve, and what the speed takes from it; the
+ * first is infinite where there is no edge. */
+static inline real edge_of_curve(const model_inversion_limits *limits, int motor, int edge, real *load)
+{
+    const real *from = limits->torque_speed + ((ptrdiff_t)motor * limits->torque_speed_points + edge) * 2;
+    const real run = from[2] - from[0];
+    *load = 0.0;
+    if (!(run > 0.0)) {
+        return (real)INFINITY;
+    }
+    *load = (from[1] - from[3]) / run;
+    return from[3] + *load * from[2];
+}
+
+/* Whether all limits are positive; no NaN. */
+static inline int are_limits(const real *limits, int size)
+{
+    for (int i = 0; i < size && limits != NULL; ++i) {
+        if (!(limits[i] > 0.0)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Whether each edge of the torque-speed curves has torque at rest, and takes from it with the speed; no NaN. */
+static inline int are_curves(const model_inversion_limits *limits)
+{
+    for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
+        for (int edge = 0; edge < limits->torque_speed_points - 1; ++edge) {
+            real load;
+            const real most = edge_of_curve(limits, i, edge, &load);
+            if (!(most > 0.0 && load >= 0.0 && load < (real)INFINITY)) {
+                return 0;
+            }
+        }
+        if (!(limits->torque_speed[((ptrdiff_t)i + 1) * limits->torque_speed_points * 2 - 2] > 0.0)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Whether all given limits are in their range. */
+static inline int are_in_range(const model_inversion_limits *l)
+{
+    return are_limits(l->torque_max, NM) && are_limits(l->speed_max, NM) && are_limits(l->deflection_max, NE) &&
+           are_limits(l->gear_torque_max, NG) && are_limits(l->torque_rate_max, NM) &&
+           are_limits(l->joint_speed_max, NG) && are_limits(l->joint_acceleration_max, NG) &&
+           l->tool_speed_max >= 0.0 && l->tool_acceleration_max >= 0.0 &&
+           (l->torque_speed == NULL || (l->torque_speed_points >= 2 && are_curves(l)));
+}
+
+#endif
 enum {
     BLOCKS = 8, /* blocks of constant input over the horizon, at most */
     INPUTS = BLOCKS * NY,
-    MOTORS = 2 * NM,       /* torques and speeds at a node */
+#if MODEL_BOUNDS
+    /* limited quantities at a node: torques and speeds of motors, */
+    RATE_ROWS = 2 * NM,              /* rates of these torques, from node to node, */
+    GEAR_ROWS = RATE_ROWS + NM,      /* torques of gears, */
+    ELASTIC_ROWS = GEAR_ROWS + NG,   /* deflections, */
+    JOINT_ROWS = ELASTIC_ROWS + NE,  /* speeds and accelerations of joints, */
+    TOOL_ROWS = JOINT_ROWS + 2 * NG, /* speed and acceleration of the tool */
+    MOTORS = TOOL_ROWS + 2,
+    EDGES = 20,            /* of the torque-speed curve of a motor, at most */
+#else                      /* MODEL_BOUNDS */
+    MOTORS = 2 * NM, /* torques and speeds at a node */
+#endif                     /* MODEL_BOUNDS */
     BOUNDED = MOTORS + NY, /* and deviations */
     QP_STEPS = 80
 };
@@ -198,6 +264,11 @@ static const real limit_weight = 1e-2; /* weight of an exceeded limit, relative 
 typedef struct {
     ptrdiff_t on, fixed, bound, plan, deviation, value, q, v, a, tau, deflection, lagged;
     ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
+#if MODEL_BOUNDS
+    ptrdiff_t curve;           /* edges of the torque-speed curves: torque at rest, and what a speed takes from it */
+    ptrdiff_t torque, elastic; /* motor torques without friction, and deflections at the nodes */
+    ptrdiff_t edge;            /* derivatives of the used part of the torque of a motor: by torque, by speed */
+#endif                         /* MODEL_BOUNDS */
 } limits_layout;
 
 static inline limits_layout limits_laid_out(ptrdiff_t N)
@@ -233,11 +304,82 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     PLACE(b, INPUTS);
     PLACE(row, rows);
     PLACE(dual, rows);
+#if MODEL_BOUNDS
+    PLACE(curve, 2 * NM * EDGES);
+    PLACE(torque, nodes * NM);
+    PLACE(elastic, nodes * NE);
+    PLACE(edge, nodes * 2 * NM);
+#endif /* MODEL_BOUNDS */
 #undef PLACE
     l.end = at;
     return l;
 }
 
+#if MODEL_BOUNDS
+/* Derivative of an order of output j at node k, with its deviation; T: time constant of the decay. */
+static inline real output_rate(const real *s, const limits_layout *l, ptrdiff_t k, int order, int j, real T)
+{
+    const real *plan = s + l->plan + k * REFERENCE, *x = s + l->deviation + k * DEVIATION;
+    return plan[NT + (order - 1) * NY + j] + x[order * NY + j] / (order == 1 ? T : T * T);
+}
+
+/* The positions of an output; a pose has rotations too. */
+enum { POSITIONS = MODEL_POSE ? 3 : NY };
+
+/* Speed or acceleration of the tool at node k. */
+static inline real tool_rate(const real *s, const limits_layout *l, ptrdiff_t k, int order, real T)
+{
+    real square = 0.0;
+    for (int j = 0; j < POSITIONS; ++j) {
+        const real rate = output_rate(s, l, k, order, j, T);
+        square += rate * rate;
+    }
+    return square_root(square);
+}
+
+/*
+ * All limited quantities at node k but deviations and motor speeds, relative to their limits; 0 where a number is not
+ * finite. Rates are those without the friction, which changes at once where a motor reverses, whatever the path.
+ */
+static inline int all_values(
+    real *s, const limits_layout *l, ptrdiff_t k, real h, real T, const real *v_m, const real *tau_m, real *space)
+{
+    real friction[NM];
+    const real *bound = s + l->bound;
+    real *value = s + l->value + k * BOUNDED, *torque = s + l->torque + k * NM, *edge = s + l->edge + k * 2 * NM;
+    if (evaluate_motor_friction(v_m, friction, space) != MODEL_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NM; ++i) {
+        torque[i] = tau_m[i] - friction[i];
+        edge[2 * i] = 1.0 / bound[i];
+        edge[2 * i + 1] = 0.0;
+        for (int e = 0; e < EDGES; ++e) { /* |tau| + load |v| <= most */
+            const real *curve = s + l->curve + 2 * (i * EDGES + e);
+            const real used = (fabs_1(tau_m[i]) + curve[1] * fabs_1(v_m[i])) / curve[0];
+            if (used > fabs_1(value[i])) {
+                value[i] = tau_m[i] < 0.0 ? -used : used;
+                edge[2 * i] = 1.0 / curve[0];
+                edge[2 * i + 1] = (tau_m[i] * v_m[i] < 0.0 ? -curve[1] : curve[1]) / curve[0];
+            }
+        }
+        value[RATE_ROWS + i] = k > 0 ? (torque[i] - torque[i - NM]) / (h * bound[RATE_ROWS + i]) : 0.0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        value[GEAR_ROWS + i] = s[l->tau + k * NG + i] / bound[GEAR_ROWS + i];
+        value[JOINT_ROWS + i] = s[l->v + k * NG + i] / bound[JOINT_ROWS + i];
+        value[JOINT_ROWS + NG + i] = s[l->a + k * NG + i] / bound[JOINT_ROWS + NG + i];
+    }
+    for (int i = 0; i < NE; ++i) {
+        value[ELASTIC_ROWS + i] = s[l->elastic + k * NE + i] / bound[ELASTIC_ROWS + i];
+    }
+    for (int order = 1; order <= 2; ++order) {
+        value[TOOL_ROWS + order - 1] = tool_rate(s, l, k, order, T) / bound[TOOL_ROWS + order - 1];
+    }
+    return 1;
+}
+
+#endif /* MODEL_BOUNDS */
 /* Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the arm there. */
 static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
 {
@@ -271,6 +413,11 @@ static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, 
             value[i] = tau_m[i] / s[l->bound + i];
             value[NM + i] = v_m[i] / s[l->bound + NM + i];
         }
+#if MODEL_BOUNDS
+        if (!all_values(s, l, k, h, h * (real)N / DECAYS, v_m, tau_m, space)) {
+            return 0;
+        }
+#endif /* MODEL_BOUNDS */
         for (int i = 0; i < NY; ++i) {
             value[MOTORS + i] = s[l->deviation + k * DEVIATION + i] / s[l->bound + MOTORS + i];
         }
@@ -281,6 +428,10 @@ static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, 
 /* B2, B4, C1, C3 [row][output] at the instant that all points of `arm` hold, with the inverse of W there. */
 typedef struct {
     real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
+#if MODEL_BOUNDS
+    /* not relative to the limits; F, G: of gear torques, W: of deflections, J, U: of joints */
+    real F[NG][NY], G[NG][NY], W[NE + 1][NY], J[NG][NY], U[NG][NY];
+#endif /* MODEL_BOUNDS */
 } jacobian_ahead;
 
 #if MODEL_NE > 0
@@ -370,7 +521,11 @@ static inline int jacobian_at(
     }
 #endif
     for (int m = 0; m < NM; ++m) {
+#if MODEL_BOUNDS
+        const real per_torque = 1.0, per_speed = 1.0;
+#else  /* MODEL_BOUNDS */
         const real per_torque = 1.0 / bound[m], per_speed = 1.0 / bound[NM + m];
+#endif /* MODEL_BOUNDS */
         for (int j = 0; j < NY; ++j) {
             real B2 = 0.0, B4 = 0.0, C1 = 0.0, C3 = 0.0;
             for (int i = 0; i < NG; ++i) {
@@ -386,9 +541,71 @@ static inline int jacobian_at(
             f->C3[m][j] = per_speed * C3;
         }
     }
+#if MODEL_BOUNDS
+    (void)bound;
+    for (int j = 0; j < NY; ++j) {
+        for (int i = 0; i < NG; ++i) {
+            f->F[i][j] = F[i][j];
+            f->G[i][j] = G[i][j];
+            f->J[i][j] = arm->inverse[j][i][0];
+            f->U[i][j] = U[i][j];
+        }
+#if MODEL_NE > 0
+        for (int e = 0; e < NE; ++e) {
+            f->W[e][j] = W[e][j];
+        }
+#endif
+    }
+#endif /* MODEL_BOUNDS */
     return 1;
 }
 
+#if MODEL_BOUNDS
+/* Effect of input b on a quantity with the part x of the derivative `order` of the output, and z of that two above. */
+static inline real effect_of(real x, real z, int order, const real *r, int b, real T)
+{
+    return (x * r[order * BLOCKS + b] + z * r[(order + 2) * BLOCKS + b] / (T * T)) / (order == 1 ? T : T * T);
+}
+
+/* Effect of input b of output j on limited quantity m of node k, where r is the response of the chain there. */
+static inline real effect_on(const real *s, const limits_layout *l, const jacobian_ahead *f, ptrdiff_t k, int m,
+    const real *r, int b, int j, real T, real h)
+{
+    const real *bound = s + l->bound, *edge = s + l->edge + k * 2 * NM;
+    if (m < NM) {
+        return edge[2 * m] * effect_of(f->B2[m][j], f->B4[m][j], 2, r, b, T) +
+               edge[2 * m + 1] * effect_of(f->C1[m][j], f->C3[m][j], 1, r, b, T);
+    }
+    if (m < RATE_ROWS) {
+        return effect_of(f->C1[m - NM][j], f->C3[m - NM][j], 1, r, b, T) / bound[m];
+    }
+    if (m < GEAR_ROWS) {
+        const int i = m - RATE_ROWS;
+        return (effect_of(f->B2[i][j], f->B4[i][j], 2, r, b, T) -
+                   effect_of(f->B2[i][j], f->B4[i][j], 2, r - CHAIN * BLOCKS, b, T)) /
+               (h * bound[m]);
+    }
+    if (m < ELASTIC_ROWS) {
+        return effect_of(f->F[m - GEAR_ROWS][j], f->G[m - GEAR_ROWS][j], 2, r, b, T) / bound[m];
+    }
+    if (m < JOINT_ROWS) {
+        return effect_of(f->W[m - ELASTIC_ROWS][j], 0.0, 2, r, b, T) / bound[m];
+    }
+    if (m < TOOL_ROWS) {
+        const int i = (m - JOINT_ROWS) % NG;
+        return effect_of(f->J[i][j], f->U[i][j], 1 + (m - JOINT_ROWS) / NG, r, b, T) / bound[m];
+    }
+    if (m < MOTORS) { /* along the motion of the tool */
+        const int order = 1 + m - TOOL_ROWS;
+        const real rate = tool_rate(s, l, k, order, T);
+        return j < POSITIONS && rate > 0.0 ?
+                   effect_of(output_rate(s, l, k, order, j, T) / rate, 0.0, order, r, b, T) / bound[m] :
+                   0.0;
+    }
+    return m - MOTORS == j ? r[b] / bound[m] : 0.0;
+}
+
+#else /* MODEL_BOUNDS */
 /* Effect of the inputs on limited quantity m of a node, where r is the response of the chain. */
 static inline void fill_row(
     const real *s, const limits_layout *l, const jacobian_ahead *f, int m, const real *r, int blocks, real T, real *A)
@@ -407,6 +624,7 @@ static inline void fill_row(
     }
 }
 
+#endif /* MODEL_BOUNDS */
 /* Change the deviations ahead; 0 where a number is not finite, and nothing has changed. */
 static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N, real T, const jacobian_ahead *f)
 {
@@ -460,7 +678,15 @@ static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N,
             s[l->x + p.rows] = s[l->value + row] * (1.0 + limit_margin);
             s[l->y + p.rows] = s[l->dual + row];
             s[l->row + p.rows] = (real)row;
+#if MODEL_BOUNDS
+            for (int b = 0; b < blocks; ++b) {
+                for (int j = 0; j < NY; ++j) {
+                    A[b * NY + j] = effect_on(s, l, f, k, m, r, b, j, T, T * tau);
+                }
+            }
+#else  /* MODEL_BOUNDS */
             fill_row(s, l, f, m, r, blocks, T, A);
+#endif /* MODEL_BOUNDS */
             ++p.rows;
         }
     }

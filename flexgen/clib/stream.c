@@ -650,7 +650,7 @@ model_status model_stream_force(const model_stream *given, const real *force)
 #if MODEL_LOAD
 #else /* MODEL_LOAD */
 #if MODEL_HARMONICS
-#else  /* MODEL_HARMONICS */
+#else /* MODEL_HARMONICS */
 COLD model_status model_stream_limits(
     const model_stream *given, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
 {
@@ -682,11 +682,73 @@ COLD model_status model_stream_limits(
     bound = stream + l.limits + w.bound;
     copy(torque_max, NM, bound);
     copy(speed_max, NM, bound + NM);
+#if MODEL_BOUNDS
+    for (int i = 2 * NM; i < MOTORS; ++i) {
+        bound[i] = (real)INFINITY;
+    }
+    for (int i = 0; i < NM * EDGES; ++i) {
+        stream[l.limits + w.curve + 2 * i] = (real)INFINITY;
+        stream[l.limits + w.curve + 2 * i + 1] = 0.0;
+    }
+#endif /* MODEL_BOUNDS */
     for (int i = 0; i < NY; ++i) {
         bound[MOTORS + i] = deviation_max;
     }
     return MODEL_OK;
 }
+#if MODEL_BOUNDS
+
+/* Limits that are given, or none. */
+static void set_bounds(const real *given, int size, real *bound)
+{
+    for (int i = 0; i < size; ++i) {
+        bound[i] = given == NULL ? (real)INFINITY : given[i];
+    }
+}
+
+COLD model_status model_stream_all_limits(
+    const model_stream *given, const model_inversion_limits *limits, real deviation_max)
+{
+    real torque[NM], speed[NM], *b;
+    model_status status;
+    limits_layout w;
+    if (given == NULL || limits == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!are_in_range(limits) || (limits->torque_speed != NULL && limits->torque_speed_points - 1 > EDGES)) {
+        return MODEL_BAD_ARGUMENT;
+    }
+    set_bounds(limits->torque_max, NM, torque);
+    set_bounds(limits->speed_max, NM, speed);
+    for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
+        const ptrdiff_t points = limits->torque_speed_points;
+        speed[i] = fmin_1(speed[i], limits->torque_speed[((i + 1) * points - 1) * 2]); /* the end of the curve */
+    }
+    status = model_stream_limits(given, torque, speed, deviation_max);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    w = limits_laid_out((ptrdiff_t)given->memory[INTERVALS]);
+    {
+        const layout l = layout_of(given->memory);
+        b = given->memory + l.limits;
+    }
+    set_bounds(limits->torque_rate_max, NM, b + w.bound + RATE_ROWS);
+    set_bounds(limits->gear_torque_max, NG, b + w.bound + GEAR_ROWS);
+    set_bounds(limits->deflection_max, NE, b + w.bound + ELASTIC_ROWS);
+    set_bounds(limits->joint_speed_max, NG, b + w.bound + JOINT_ROWS);
+    set_bounds(limits->joint_acceleration_max, NG, b + w.bound + JOINT_ROWS + NG);
+    b[w.bound + TOOL_ROWS] = limits->tool_speed_max > 0.0 ? limits->tool_speed_max : (real)INFINITY;
+    b[w.bound + TOOL_ROWS + 1] = limits->tool_acceleration_max > 0.0 ? limits->tool_acceleration_max : (real)INFINITY;
+    for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
+        for (int e = 0; e < limits->torque_speed_points - 1; ++e) {
+            real *curve = b + w.curve + 2 * (i * EDGES + e);
+            curve[0] = edge_of_curve(limits, i, e, curve + 1);
+        }
+    }
+    return MODEL_OK;
+}
+#endif /* MODEL_BOUNDS */
 #endif /* MODEL_HARMONICS */
 #endif /* MODEL_LOAD */
 #endif /* MODEL_LUGRE */

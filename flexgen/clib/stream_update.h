@@ -351,6 +351,11 @@ static inline int predict_motors(real *s, const layout *l, const limits_layout *
                 b[w->a + to] = arm->a[i_g[i]][lane];
                 b[w->tau + to] = arm->tau_g[i][lane];
             }
+#if MODEL_BOUNDS
+            for (int i = 0; i < NE; ++i) {
+                b[w->elastic + (at + lane) * NE + i] = arm->q[i_e[i]][lane];
+            }
+#endif /* MODEL_BOUNDS */
         }
     }
     return motors_at_nodes(b, w, N, s[PERIOD], s + l->space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
@@ -387,6 +392,13 @@ static inline int apply_limits(real *s, const layout *l)
     if (status != MODEL_OK) {
         return status;
     }
+#if MODEL_BOUNDS
+    for (int k = 0; k < 2; ++k) { /* an exceeded limit of this interval is reported */
+        if (largest(b + w.value + k * BOUNDED, MOTORS) > 1.0) {
+            s[LIMITED] = 1.0;
+        }
+    }
+#endif /* MODEL_BOUNDS */
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real here = largest(b + w.value + k * BOUNDED, MOTORS);
         if (here > worst) {

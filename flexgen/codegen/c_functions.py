@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexgen.codegen.clib_types import CFunction, Field
-from flexgen.codegen.interface import DERIVATIVES, FORCE, OUTPUT, PARTS, POSITION, RATE, SECOND
+from flexgen.codegen.interface import BOUNDS, DERIVATIVES, FORCE, OUTPUT, PARTS, POSITION, RATE, SECOND
 from flexgen.codegen.kinematic_functions import kinematic_functions
 from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS
 from flexgen.codegen.motor_constants import position_obstacle
@@ -23,7 +23,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints, loaded_motors
 
 # of gears without hysteresis, motors without Fourier sums of their angle and without friction of state or load
-OF_PLAIN_MOTORS = "stream_limits"
+OF_PLAIN_MOTORS = ("stream_limits", "stream_all_limits")
 
 _N = "n_pre + n + n_post"
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
@@ -335,6 +335,21 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
             Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),
         ),
     ),
+    CFunction(
+        "stream_all_limits",
+        "stream.c",
+        "Set limits of motors, gears, deflections, joints and tool, as stream_limits, which removes all but its own.",
+        "Kept at the ends of the intervals: the rate of a torque is its change from one to the next over their time, "
+        "without that of the friction of the motor, which changes at once where it reverses. A torque-speed curve has "
+        "at most 21 points; the members knot_samples and deviation are ignored.",
+        (
+            _STREAM,
+            Field("limits", "const inversion_limits *", (), "", "null members and infinite entries: no limits"),
+            Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),
+        ),
+        double=True,
+        part=BOUNDS,
+    ),
     *LIMITED_FUNCTIONS,
     *POSITION_FUNCTIONS,
     *SAMPLER_FUNCTIONS,
@@ -353,7 +368,7 @@ def offered_c_functions(
     if position_obstacle(model) is not None:
         offered = [f for f in offered if f.part != POSITION]
     if hysteretic_joints(model) or has_harmonics(model) or bristled_motors(model) or loaded_motors(model):
-        offered = [f for f in offered if f.name != OF_PLAIN_MOTORS]
+        offered = [f for f in offered if f.name not in OF_PLAIN_MOTORS]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:
         return (*(function for function in offered if not function.parametrized), *kinematic)

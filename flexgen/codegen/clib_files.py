@@ -18,6 +18,7 @@ from flexgen.codegen.clib_types import CFunction, Enum, Field, Struct
 from flexgen.codegen.constants_header import (
     constants_header,
     count_elements,
+    has_bounds,
     has_growth,
     has_positions,
     is_bristled,
@@ -45,7 +46,19 @@ KERNEL = (
     "function.h",
     "undefine.h",
 )  # of every library
-_PARTS = ("CURVED", "DIRECT", "FORCE", "HYSTERESIS", "HARMONICS", "LIMITS", "LOAD", "LUGRE", "MEMORY", "POSITION")
+_PARTS = (
+    "BOUNDS",
+    "CURVED",
+    "DIRECT",
+    "FORCE",
+    "HYSTERESIS",
+    "HARMONICS",
+    "LIMITS",
+    "LOAD",
+    "LUGRE",
+    "MEMORY",
+    "POSITION",
+)
 _IF = re.compile(r"#if (?:MODEL_)?([A-Z]+)(?: (>|==|!=) (\d+))?\n")
 _COMPARE = {">": gt, "==": eq, "!=": ne}
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
@@ -148,6 +161,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         return {}
     names = sorted(_follow_includes({function.file for function in spec.declared_in("inversion") if function.file}))
     has = {
+        "BOUNDS": has_bounds(spec),
         "CURVED": is_curved(spec),
         "DIRECT": spec.motor_constants.massless,
         "FORCE": spec.force,
@@ -246,8 +260,8 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
     sizes = {**spec.sizes, "n_t": n_t + more}
-    has = count_elements(spec), has_positions(spec), is_bristled(spec), is_curved(spec)
-    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, *has[:3])
+    has = count_elements(spec), has_positions(spec), is_bristled(spec), has_bounds(spec), is_curved(spec)
+    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, *has[:4])
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))

@@ -42,6 +42,11 @@ def has_positions(spec: LibrarySpec) -> bool:
     return spec.motor_constants is not None and spec.motor_constants.servo is not None
 
 
+def has_bounds(spec: LibrarySpec) -> bool:
+    """Whether the streams of the library keep all limits."""
+    return any(f.name == "stream_all_limits" for f in spec.c_functions)
+
+
 def has_growth(spec: LibrarySpec) -> bool:
     """Whether the library has the function growth."""
     return any(f.file == "growth.c" for f in spec.c_functions)

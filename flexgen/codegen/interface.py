@@ -17,7 +17,8 @@ DELAY_MAX = 4  # of the drive, in samples
 DERIVATIVES = "derivatives"
 FORCE = "force"
 POSITION = "position"
-PARTS = ("bvp", DERIVATIVES, FORCE, POSITION)  # optional: a solver, products, process forces, positions to send
+BOUNDS = "limits"  # all limits in a stream
+PARTS = ("bvp", DERIVATIVES, FORCE, BOUNDS, POSITION)  # optional: a solver, products, process forces, limits, positions
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 LIMITS = (
     Limit("STREAM_INTERVALS_MAX", INTERVALS_MAX, "intervals of a horizon, at most"),

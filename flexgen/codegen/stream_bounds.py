@@ -13,7 +13,7 @@ BLOCK = {"double": 8, "single": 16}  # reals to which arrays are padded, and poi
 STAGES, GROUP, PANEL = 3, 8, 8
 MARGIN, LEVELS, LAST = 3, 3, 5
 BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
-BLOCKS, CHAIN, QP_STEPS = 8, 5, 80
+BLOCKS, CHAIN, QP_STEPS, EDGES = 8, 5, 80, 20
 HEAD = 21  # numbers before the arrays
 AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
@@ -61,6 +61,7 @@ def stream_size(
     elements: int = 0,
     position: bool = False,
     bristles: bool = False,
+    bounds: bool = False,
 ) -> Linear:
     """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that it calls."""
     rounding = block - 1  # reals by which an array may be rounded up
@@ -68,7 +69,7 @@ def stream_size(
     reference, states, controls = n_t + 2 * n_y, 2 * n_e, STAGES * n_e
     columns = controls + states + 1
     width = (columns + block - 1) // block * block
-    bounded, inputs = 2 * n_m + n_y, BLOCKS * n_y
+    bounded, inputs = _count_bounded(sizes, bounds), BLOCKS * n_y
 
     points = 3 * n_a + n_t + 2 * n_y + n_y + n_a * n_y + n_y + n_y * n_g + 2 + n_g
     if n_e:
@@ -84,7 +85,9 @@ def stream_size(
     )
 
     node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
-    limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + 24 * rounding, node, 0)
+    node += bounds * (3 * n_m + n_e)
+    limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + (24 + 4 * bounds) * rounding, node, 0)
+    limits += Linear(bounds * 2 * n_m * EDGES, 0, 0)
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
     total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
@@ -111,6 +114,7 @@ def stream_operations(
     elements: int = 0,
     position: bool = False,
     bristles: bool = False,
+    bounds: bool = False,
     curved: bool = False,
 ) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
@@ -152,7 +156,7 @@ def stream_operations(
         window += Linear((ahead + 1) * sample, 0, sample)
     total = window + Linear(kinematics + block * path + 200 * n_g, 40 * (n_g + n_g * n_m + n_m), 0)
 
-    total += _limits(sizes, kinematics + rows, path, spring + motors, block)
+    total += _limits(sizes, kinematics + rows, path, spring + motors, block, bounds)
     if n_e:
         reduced = _count_reduced(sizes, operations["inversion_jacobians"], block)
         total += _lq(n_e, kinematics + reduced, kinematics + rows, block)
@@ -197,14 +201,21 @@ def _lq(n_e: int, point_group: int, row_group: int, block: int) -> Linear:
     return Linear(groups * all_points + 4 * states * states + 400, groups * all_points // GROUP + 1 + interval, 0)
 
 
-def _limits(sizes: Mapping[str, int], group: int, path: int, motors: int, block: int) -> Linear:
-    """Operations that limits of the motors add; ``group``: motion and torques at a block of nodes."""
+def _count_bounded(sizes: Mapping[str, int], bounds: bool) -> int:
+    """Limited quantities at a node, and deviations."""
+    _, n_g, n_e, n_m, n_y, _ = _sizes(sizes)
+    return 2 * n_m + n_y + bounds * (n_m + 3 * n_g + n_e + 2)
+
+
+def _limits(sizes: Mapping[str, int], group: int, path: int, motors: int, block: int, bounds: bool) -> Linear:
+    """Operations that limits add; ``group``: motion and torques at a block of nodes."""
     n_a, n_g, _, n_m, n_y, _ = _sizes(sizes)
-    bounded, n = 2 * n_m + n_y, BLOCKS * n_y
+    bounded, n = _count_bounded(sizes, bounds), BLOCKS * n_y
     node = group // block + 1 + motors + 20 * (n_a + bounded) + (1 + STAGES) * (path + 300)
     node += BLOCKS * CHAIN * 8 * CHAIN + CHAIN * BLOCKS * n_y * (4 + 4 * BLOCKS) + CHAIN * n_y * BLOCKS * 4
     node += bounded * (n * (10 + 2 + 1 + n) + 40)  # rows of the program, scaled, and their squares
     node += bounded * QP_STEPS * (4 * n + 24)
+    node += bounds * (n_m * EDGES * 12 + bounded * n * (40 + 12 * n_y))
     once = group * (2 + -(-n_g // block)) + motors + 4 * n * n * n + QP_STEPS * (4 * n * n + 8 * n) + 400 * n_y
     once += n_g * n_y * (8 * n_g + 20 * n_m) + path
     return Linear(once + node, node, 8 * n_m)

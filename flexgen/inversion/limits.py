@@ -18,7 +18,6 @@ Source: J. Nocedal, S. Wright, Numerical Optimization, 2006, ch. 18 (sequential 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -32,9 +31,8 @@ from flexgen.inversion.sampling import from_library, sample_force
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.limit_use import uses_of_limits
-from flexgen.mechanics.limits import EACH, Limits
+from flexgen.mechanics.limits import Limits
 from flexgen.memory.lugre import bristle_torques, motor_bristles
-from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.runtime.limited_inversion import LimitsInfeasibleError
 from flexgen.runtime.path_inversion import Inversion
@@ -53,34 +51,14 @@ class _Bounds:
     def __init__(self, equations: Equations, limits: Limits) -> None:
         model = equations.model
         self.limits = limits.without(*UNKEPT)
-        self.torque, self.speed = limits.arrays(model.n_m)
-        for k, curve in enumerate(limits.torque_speed or ()):
-            if curve:
-                self.torque[k] = min(self.torque[k], (1.0 - limits.reserve) * curve[0][1])
-        self.deflection = limits.deflections(model.n_e)
+        self.arguments = limits.for_library(model)  # of `Library.invert_limited`
+        self.torque, self.deflection = self.arguments["torque_max"], self.arguments["deflection_max"]
 
     def are_kept(self, problem: InversionProblem, found: Inversion) -> bool:
         """Whether a motion keeps all of them."""
         time = found.period * np.arange(len(found.tau_m))
         uses = uses_of_limits(problem.equations.model, self.limits, lambda name: np.asarray(getattr(found, name)), time)
         return all(use.part <= 1.0 for use in uses)
-
-    def arguments(self, robot: RobotModel) -> dict[str, Any]:
-        """Those of `Library.invert_limited`."""
-        limits, left = self.limits, 1.0 - self.limits.reserve
-        out: dict[str, Any] = {"torque_max": self.torque, "speed_max": self.speed, "deflection_max": self.deflection}
-        sizes = {"gear": robot.n_g, "motor": robot.n_m}
-        for name in ("gear_torque", "torque_rate", "joint_speed", "joint_acceleration"):
-            if getattr(limits, name) is not None:
-                out[f"{name}_max"] = (left if name == "gear_torque" else 1.0) * limits.bounds(name, sizes[EACH[name]])
-        if robot.output.type in ("tool_pose", "tool_position"):
-            out |= {
-                "tool_speed_max": limits.tool_speed or 0.0,
-                "tool_acceleration_max": limits.tool_acceleration or 0.0,
-            }
-        if limits.torque_speed is not None:
-            out["torque_speed"] = [[(v, left * tau) for v, tau in curve] for curve in limits.torque_speed]
-        return out
 
     def check_equilibrium(self, problem: InversionProblem) -> None:
         """SolverError where the arm cannot be held at an end of the path."""
@@ -185,7 +163,7 @@ def _modify_path(
             sample.derivative(2),
             period=period,
             q_start=path.q_start,
-            **bounds.arguments(problem.equations.model),
+            **bounds.arguments,
             force=sample_force(problem, t),
             knot_samples=knot_samples,
             n_pre=unlimited.n_pre,

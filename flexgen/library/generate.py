@@ -145,7 +145,7 @@ def generate(
     per_point : bool
         True: batches take parameters for each point, not one vector for all; no inversion along paths, no streams.
     parts : sequence of str
-        ``"bvp"``: another method; ``"derivatives"``: ``NAME_jvp``, ``_vjp``; ``"force"``: on the tool; ``"position"``.
+        ``"bvp"``; ``"derivatives"``: ``NAME_jvp``, ``_vjp``; ``"force"``; ``"limits"``: in streams; ``"position"``.
     progress : callable or bool, optional
         As for `flexgen.solve`.
     force : bool

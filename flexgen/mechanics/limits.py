@@ -189,6 +189,43 @@ class Limits:
             raise ArgumentError(f"limits: given kind {show_value(name)}, expected one of {', '.join(EACH)}")
         return _bounds(name, getattr(self, name), size)
 
+    def for_library(self, model: str | Path | RobotModel | Equations) -> dict[str, Any]:
+        """Arguments of `Library.invert_limited` and `Stream.limit_all` that keep these limits, less the reserve.
+
+        Effective values (``torque_rms``, ``gear_torque_rms``) are not among them: they are those of a whole motion.
+        Limits of the tool are where the output is its position or pose.
+
+        Parameters
+        ----------
+        model : name, path, RobotModel or Equations
+
+        Returns
+        -------
+        dict of str to array, float or list
+            ``torque_max``, ``speed_max``, ``deflection_max``, and the names of all others that have bounds.
+
+        Examples
+        --------
+        >>> flexgen.Limits(torque=(20.0, 10.0), reserve=0.1).for_library("planar5_nmp")["torque_max"]
+        array([18.,  9.])
+        """
+        robot = robot_of(model)
+        torque, speed = self.arrays(robot.n_m)
+        sizes, left = {"gear": robot.n_g, "motor": robot.n_m}, 1.0 - self.reserve
+        for k, curve in enumerate(self.torque_speed or ()):
+            if curve:
+                torque[k] = min(torque[k], left * curve[0][1])
+        out = {"torque_max": torque, "speed_max": speed, "deflection_max": self.deflections(robot.n_e)}
+        for name in ("gear_torque", "torque_rate", "joint_speed", "joint_acceleration"):
+            if getattr(self, name) is not None:
+                out[f"{name}_max"] = (left if name == "gear_torque" else 1.0) * self.bounds(name, sizes[EACH[name]])
+        more: dict[str, Any] = {}
+        if robot.output.type in ("tool_pose", "tool_position"):
+            more = {f"{name}_max": getattr(self, name) or 0.0 for name in ("tool_speed", "tool_acceleration")}
+        if self.torque_speed is not None:
+            more["torque_speed"] = [[(v, left * tau) for v, tau in curve] for curve in self.torque_speed]
+        return out | more
+
     def without(self, *names: str) -> Limits:
         """These limits without the named kinds."""
         if unknown := set(names) - {*EACH, "torque_speed", "tool_speed", "tool_acceleration"}:

@@ -26,7 +26,46 @@ SIZES = {
     "joint_speed_max": "n_g",
     "joint_acceleration_max": "n_g",
 }
+OF_TOOL = ("tool_speed_max", "tool_acceleration_max")
 NO_CURVE = ((0.0, 1e30), (1e30, 1e30))  # of a motor without a curve: rad/s, N m
+
+
+def limit_members(
+    function: str, given: Mapping[str, Any], sizes: Mapping[str, int], real: np.dtype[Any]
+) -> dict[str, Any]:
+    """Members of the limits in C from arguments by name, those of `LimitedInverter`; None is left out.
+
+    Raises
+    ------
+    ArgumentError
+        An argument is unknown, has another shape or is not positive.
+    """
+    out = dict[str, Any]()
+    for name, x in given.items():
+        if x is None:
+            continue
+        if name in SIZES:
+            out[name] = array_of(function, name, x, (sizes[SIZES[name]],), real)
+            if not (out[name] > 0).all():
+                raise ArgumentError(f"{function}, {name}: given {out[name]}, expected positive numbers")
+        elif name in OF_TOOL:
+            out[name] = number_of(function, name, x)
+            if not out[name] >= 0.0:
+                raise ArgumentError(f"{function}, {name}: given {show_value(x)}, expected a number >= 0")
+        elif name != "torque_speed":
+            known = ", ".join((*SIZES, *OF_TOOL, "torque_speed"))
+            raise ArgumentError(f"{function}: given the limit {show_value(name)}, expected some of {known}")
+        else:
+            curves = [np.array(one if len(one) else NO_CURVE, dtype=float) for one in x if np.ndim(one) > 0]
+            if len(curves) != sizes["n_m"] or not all(map(is_torque_speed, curves)):
+                raise ArgumentError(
+                    f"{function}, torque_speed: given {show_value(x)}, expected for each of {sizes['n_m']} motors "
+                    f"{TORQUE_SPEED}; or nothing for a motor"
+                )
+            most = max(map(len, curves))
+            same = [[*curve, *[curve[-1]] * (most - len(curve))] for curve in curves]
+            out |= {"torque_speed": np.array(same, dtype=real), "torque_speed_points": most}
+    return out
 
 
 class LimitsInfeasibleError(SolverError):
@@ -124,8 +163,9 @@ class LimitedInverter(Inverter):
         q = array_of(function, "q_start", q_start, (sizes["n_a"],), self._real)
         arrays = [torque_max, speed_max, torque_rate_max, deflection_max, gear_torque_max]
         arrays += [joint_speed_max, joint_acceleration_max]
-        limits = self._arrays(dict(zip(SIZES, arrays, strict=True)))
-        limits |= self._of_tool_and_curves(tool_speed_max, tool_acceleration_max, torque_speed)
+        named = dict(zip(SIZES, arrays, strict=True)) | {"torque_speed": torque_speed}
+        named |= {"tool_speed_max": tool_speed_max, "tool_acceleration_max": tool_acceleration_max}
+        limits = limit_members(function, named, sizes, self._real)
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
         options |= servo_options(self.servo, function, servo, period, hold, delay)
         deviation = np.zeros_like(given["dy"])
@@ -134,35 +174,6 @@ class LimitedInverter(Inverter):
         values = parameters_of(function, parameters, self._parameters, self._rows)
         period = number_of(function, "period", period)
         return replace(self._invert(given, values, q, period, options, bounds), deviation=deviation)
-
-    def _arrays(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Arrays of positive numbers of the limits that are given."""
-        out = {}
-        for name, x in given.items():
-            if x is not None:
-                out[name] = array_of(self._function, name, x, (self._sizes[SIZES[name]],), self._real)
-                if not (out[name] > 0).all():
-                    raise ArgumentError(f"{self._function}, {name}: given {out[name]}, expected positive numbers")
-        return out
-
-    def _of_tool_and_curves(self, speed: Any, acceleration: Any, torque_speed: Any) -> dict[str, Any]:
-        """The other members of the limits."""
-        function, out = self._function, dict[str, Any]()
-        for name, x in (("tool_speed_max", speed), ("tool_acceleration_max", acceleration)):
-            out[name] = number_of(function, name, x)
-            if not out[name] >= 0.0:
-                raise ArgumentError(f"{function}, {name}: given {show_value(x)}, expected a number >= 0")
-        if torque_speed is not None:
-            curves = [np.array(x if len(x) else NO_CURVE, dtype=float) for x in torque_speed if np.ndim(x) > 0]
-            if len(curves) != self._sizes["n_m"] or not all(map(is_torque_speed, curves)):
-                raise ArgumentError(
-                    f"{function}, torque_speed: given {show_value(torque_speed)}, expected for each of "
-                    f"{self._sizes['n_m']} motors {TORQUE_SPEED}; or nothing for a motor"
-                )
-            most = max(map(len, curves))
-            same = [[*curve, *[curve[-1]] * (most - len(curve))] for curve in curves]
-            out |= {"torque_speed": np.array(same, dtype=self._real), "torque_speed_points": most}
-        return out
 
     def _check_status(self, status: int, reported: dict[str, Any]) -> None:
         if status == self._interface.statuses["LIMITS_INFEASIBLE"]:

@@ -14,6 +14,7 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import number_of, whole_of
 from flexgen.runtime.inversion_arguments import array_of, hold_of, parameters_of, pointer, pointers, tolerance_of
+from flexgen.runtime.limited_inversion import limit_members
 from flexgen.runtime.servo import servo_options
 from flexgen.runtime.stream_entries import StreamEntries
 from flexgen.runtime.structs import REAL, failure_of, struct_of
@@ -301,23 +302,69 @@ class Stream:
             the model has hysteresis, lugre, friction that depends on the load or Fourier sums of motor angles.
         """
         self._entries.refuse_closed()
-        entry = self._entries.limits
-        if entry is None:
-            raise ArgumentError(
-                "stream: given limits, expected none where the model has hysteresis, lugre, friction that depends on "
-                "the load or Fourier sums of motor angles"
-            )
         n_m = self._sizes["n_m"]
         both = [
             array_of("stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,), self._entries.real)
             for name, x in (("torque", torque), ("speed", speed))
         ]
+        self._limit(self._entries.limits, [pointer(x) for x in both], deviation)
+
+    @checked_types
+    def limit_all(self, *, deviation: float = 0.05, **limits: Any) -> None:
+        """Set limits of motors, gears, deflections, joints and tool, of a library with the part ``"limits"``.
+
+        They replace those of `limit`, and are kept in the same way, at the ends of the intervals: the rate of a torque
+        is its change from one to the next over the period, without that of the friction of the motor, which changes at
+        once where it reverses.
+
+        Parameters
+        ----------
+        deviation : float
+            Largest deviation of each output [m, rad]. Limits that would need more are exceeded.
+        **limits
+            ``torque_max``, ``speed_max``, ``torque_rate_max``, ``deflection_max``, ``gear_torque_max``,
+            ``joint_speed_max``, ``joint_acceleration_max``, ``tool_speed_max``, ``tool_acceleration_max`` and
+            ``torque_speed`` as of `Library.invert_limited`, such as those of `Limits.for_library`.
+
+        Raises
+        ------
+        ArgumentError
+            Where a limit is unknown or not positive, a curve has more than 21 points, the horizon is too short, the
+            stream has failed, its library was closed or was generated without the part.
+
+        Examples
+        --------
+        >>> library = flexgen.load(flexgen.generate("elbow", "reports/limited", parts=["limits"]).directory)
+        >>> path = flexgen.plan("elbow", "line")
+        >>> stream = library.stream(path.sample([0.0]).y[0, :, 0], path.q_start, period=0.005, intervals=40)
+        >>> limits = flexgen.Limits(torque=(20.0, 20.0), gear_torque=(900.0, 700.0))
+        >>> stream.limit_all(**limits.for_library("elbow"), deviation=0.01)
+        """
+        self._entries.refuse_closed()
+        entry, given = self._entries.all_limits, []
+        if entry is None and self._entries.limits is not None:
+            raise ArgumentError(
+                f"stream: given limits of all kinds, but library {self._entries.name} has no part limits; generate it "
+                'with parts=["limits"] (--with limits), in double precision'
+            )
+        if entry is not None:
+            members = limit_members("stream", limits, self._sizes, self._entries.real)
+            given = [ctypes.byref(struct_of(self._entries.structs["inversion_limits"], **members))]
+        self._limit(entry, given, deviation)
+
+    def _limit(self, entry: Callable[..., int] | None, given: list[Any], deviation: float) -> None:
+        """Call a function of C with limits and the largest deviation."""
+        if entry is None:
+            raise ArgumentError(
+                "stream: given limits, expected none where the model has hysteresis, lugre, friction that depends on "
+                "the load or Fourier sums of motor angles"
+            )
         if not self._lock.acquire(blocking=False):
             raise ArgumentError("stream: given limits while an update runs, expected one after the other")
         try:
             real = REAL["double" if self._entries.real == np.float64 else "single"]
             most = real(number_of("stream", "deviation", deviation))
-            self._refuse(int(entry(ctypes.byref(self._stream), *(pointer(x) for x in both), most)))
+            self._refuse(int(entry(ctypes.byref(self._stream), *given, most)))
         finally:
             self._lock.release()
 

@@ -14,6 +14,8 @@ from flexgen.runtime.inversion_arguments import Rows
 from flexgen.runtime.servo import ServoEntry, servo_entry
 from flexgen.runtime.structs import Failures, Interface, closed_error, interface_of
 
+LIMITING = ("stream_limits", "stream_all_limits")
+
 
 @dataclass(frozen=True)
 class StreamEntries:
@@ -31,6 +33,7 @@ class StreamEntries:
     start_moving: Callable[..., int]
     update: Callable[..., int]
     limits: Callable[..., int] | None
+    all_limits: Callable[..., int] | None
     change: Callable[..., int] | None
     model_parameters: np.ndarray
     failures: Failures
@@ -71,6 +74,7 @@ def streams_of(
     work, start, moving, update = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
     change = found(f"{manifest['name']}_stream_parameters") if parameters.size else None
+    limits, all_limits = (found(f"{manifest['name']}_{name}") if name in offered else None for name in LIMITING)
     return StreamEntries(
         manifest["name"],
         interface_of(manifest),
@@ -78,7 +82,8 @@ def streams_of(
         start,
         moving,
         update,
-        found(f"{manifest['name']}_stream_limits") if "stream_limits" in offered else None,
+        limits,
+        all_limits,
         change,
         parameters,
         failures,

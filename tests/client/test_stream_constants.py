@@ -37,6 +37,7 @@ GRID = [(1, 1), (1, 7), (2, 3), (10, 5), (11, 6), (37, 1), (100, 20), (513, 2), 
 
 
 BRISTLED, HYSTERETIC, CURVED = "bristled_elbow", "hysteretic_elbow", "curved_elbow"
+LIMITED = "limited_planar"  # with the part "limits"
 
 
 @cache
@@ -47,6 +48,8 @@ def equations(name: str) -> Equations:
         return derive(replace(with_elements("elbow", SLIPS), name=HYSTERETIC))
     if name == CURVED:
         return derive(replace(with_elements("elbow", BENT), name=CURVED))
+    if name == LIMITED:
+        return derive(replace(derive("planar5_nmp").model, name=LIMITED))
     return derive(name)
 
 
@@ -61,7 +64,10 @@ def library(name: str, precision: str = "double") -> GeneratedLibrary:
     """The library of what inverts a model, in one file."""
     functions = [f.name for f in spec(name).functions]
     folder = _folder() / f"{name}_stream_{precision}"
-    return generate(equations(name).model, folder, functions=functions, amalgamate=True, precision=precision)
+    parts = ["limits"] * (name == LIMITED)
+    return generate(
+        equations(name).model, folder, functions=functions, amalgamate=True, precision=precision, parts=parts
+    )
 
 
 def printed(
@@ -101,6 +107,7 @@ def test_no_recommendation_at_a_singular_pose():
         (BRISTLED, "double"),
         (HYSTERETIC, "double"),
         (CURVED, "double"),
+        (LIMITED, "double"),
         ("planar5_nmp", "double"),
         ("beam_arm", "double"),
         ("planar5_nmp", "single"),
@@ -130,7 +137,9 @@ def test_the_constants_are_constant_expressions(language, tmp_path):
     assert printed("planar5_nmp", body, tmp_path, compiler, language) == [[1]]
 
 
-@pytest.mark.parametrize("name", ["elbow", pytest.param("planar5_nmp", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["elbow", *(pytest.param(x, marks=pytest.mark.slow) for x in ("planar5_nmp", LIMITED))]
+)
 def test_no_update_needs_more_operations_than_the_bound(name, tmp_path):
     """Counted by a number type of C++: short and long horizons, with limits that modify the path."""
     work = counting_program(library(name).directory, name, tmp_path)

@@ -88,6 +88,18 @@ int main(int argc, char **argv)
 """
 
 
+LIMIT = "@_stream_limits(&stream, torque.data(), speed.data(), counted(0.1))"
+LIMIT_ALL = """\
+[&] {
+        static std::vector<counted> deflection(@_NE + 1, counted(1e-4)), each(@_NG, counted(1e3));
+        static std::vector<counted> slow(@_NG, counted(0.2)), curve;
+        for (int i = 0; i < @_NM; ++i) for (double x : {0.0, 1e3, 1e3, 5e2}) curve.push_back(counted(x));
+        const @_inversion_limits all = {torque.data(), speed.data(), deflection.data(), 0, nullptr, each.data(),
+            each.data(), slow.data(), slow.data(), counted(0.2), counted(0.2), curve.data(), 2};
+        return @_stream_all_limits(&stream, &all, counted(0.1));
+    }()"""
+
+
 def counting_program(folder: Path, name: str, work: Path) -> Path:
     """A folder with the sources of a library whose numbers count, and ``main.cpp``; an amalgamated library is given."""
     NAME = name.upper()
@@ -102,8 +114,13 @@ def counting_program(folder: Path, name: str, work: Path) -> Path:
     (work / f"{name}.h").write_text(changed, encoding="ascii")
     (work / f"{name}.cpp").write_text(source, encoding="ascii")
     (work / "counted.h").write_text(NUMBER, encoding="ascii")
-    text = PROGRAM.replace('"@_inversion.h"', f'"{name}.h"').replace("(@_STREAM", f"({NAME}_STREAM")
-    for size in ("NA", "NG", "NM", "NY", "NT", "STREAM_SIZE", "STREAM_OPERATIONS"):
+    has_all = f"{name}_stream_all_limits(" in header
+    text = (
+        PROGRAM.replace(LIMIT, LIMIT_ALL if has_all else LIMIT)
+        .replace('"@_inversion.h"', f'"{name}.h"')
+        .replace("(@_STREAM", f"({NAME}_STREAM")
+    )
+    for size in ("NA", "NE", "NG", "NM", "NY", "NT", "STREAM_SIZE", "STREAM_OPERATIONS"):
         text = text.replace(f"@_{size}", f"{NAME}_{size}")
     (work / "main.cpp").write_text(text.replace("@", name), encoding="ascii")
     return work

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import subprocess
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 import scipy.sparse as sp
 from clib_sections import section
 from clib_shim import SHIM
-from emitted import paths_library
+from emitted import _folder, paths_library
 from toolchain import needs_compiler
 
 import flexgen
@@ -27,6 +28,8 @@ from flexgen.library.compiler import find_compiler
 from flexgen.mechanics.output_columns import output_labels
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
+from flexgen.runtime.library import Library
+from flexgen.runtime.limited_inversion import OF_TOOL, SIZES
 from flexgen.runtime.stream import Interval
 from flexgen.simulation.simulate import simulate
 from flexgen.spec.ports import Port
@@ -230,3 +233,128 @@ def test_wrong_limits_of_a_stream_are_refused() -> None:
     for bad in ({"torque": (0.0, 1.0)}, {"speed": (np.nan, 1.0)}, {"torque": (1.0,)}, {"deviation": -1.0}):
         with pytest.raises(ArgumentError):
             streamed(**bad)
+
+
+# --- all limits ------------------------------------------------------------------------------------------------------
+@cache
+def with_all_limits(model: str, force: bool = False) -> Library:
+    folder = _folder() / f"{model}_all_limits{'_planted' * force}"
+    return flexgen.load(flexgen.generate(model, folder, parts=["limits"], force=force).directory)
+
+
+def bounded(model: str, ahead: int = 30, force: bool = False, **limits: Any) -> list[Interval]:
+    """A move on a moving horizon, within limits of all kinds, and the rest after it."""
+    equations = flexgen.derive(model)
+    path = Path(equations, equations.model.moves[0])
+    y, dy, ddy = given(model, 0, ahead)
+    stream = with_all_limits(model, force).stream(
+        y[0], path.q_start, period=PERIOD, intervals=ahead, samples_per_interval=5
+    )
+    if limits:
+        stream.limit_all(**limits)
+    return [stream.update(*x) for x in zip(y, dy, ddy, strict=True)]
+
+
+def largest_uses(model: str, run: list[Interval]) -> dict[str, np.ndarray]:
+    """The largest values of all limited quantities at the ends of the intervals, by differences and the Jacobian."""
+    equations = flexgen.derive(model)
+    robot, n = equations.model, len(run[0].tau_m)
+    tau, v_m, tau_g, q, v = (
+        np.concatenate([getattr(x, key) for x in run])[::n] for key in ("tau_m", "v_m", "tau_g", "q_a", "v_a")
+    )
+    joints = v[:, list(robot.i_g)]
+    jacobian = evaluate(equations.function("jacobian"), q)[0].reshape(len(q), 6, -1)[:, :3]
+    tool = np.einsum("nij,nj->ni", jacobian, v)
+    friction = np.array([evaluate(equations.function("motor_friction"), x)[0] for x in v_m]).reshape(len(v_m), -1)
+    signals = {
+        "torque_max": tau,
+        "speed_max": v_m,
+        "torque_rate_max": np.diff(tau - friction, axis=0) / PERIOD,
+        "gear_torque_max": tau_g,
+        "deflection_max": q[:, list(robot.i_e)],
+        "joint_speed_max": joints,
+        "joint_acceleration_max": np.diff(joints, axis=0) / PERIOD,
+        "tool_speed_max": np.linalg.norm(tool, axis=1)[:, None],
+        "tool_acceleration_max": np.linalg.norm(np.diff(tool, axis=0), axis=1)[:, None] / PERIOD,
+    }
+    return {key: np.abs(x).max(axis=0) for key, x in signals.items()}
+
+
+def a_little_less(model: str) -> dict[str, np.ndarray]:
+    """Limits of all kinds that take a tenth away from what motion adds to the values at rest."""
+    free = bounded(model)
+    most, still = largest_uses(model, free), largest_uses(model, free[:1] * 2)
+    return {key: np.maximum(1.02 * still[key], still[key] + 0.9 * (x - still[key])) for key, x in most.items()}
+
+
+KEPT_IN_STREAMS = 4e-3  # relative: largest excess at the ends of the intervals
+
+
+@pytest.mark.parametrize("kind", sorted({*SIZES, *OF_TOOL}))
+def test_a_stream_keeps_a_limit_of_each_kind(kind: str) -> None:
+    model = "planar5_nmp"
+    limit, free = a_little_less(model)[kind], largest_uses(model, bounded(model))[kind]
+    kept = bounded(model, **{kind: float(limit[0]) if kind in OF_TOOL else limit})
+    assert (free / limit).max() > 1.01
+    assert (largest_uses(model, kept)[kind] / limit).max() < 1.0 + KEPT_IN_STREAMS
+    off = np.array([x.deviation_m for x in kept])
+    assert 1e-4 < off.max() < 0.04 and off[-1] < 0.05 * off.max()
+    assert any(x.limits_active for x in kept) and not any(x.limits_active for x in bounded(model))
+    assert strays(model, kept) < FOLLOWED
+
+
+def test_a_stream_keeps_the_torque_speed_curves_of_motors() -> None:
+    model, curves = "planar5_nmp", [[(0.0, 27.0), (100.0, 21.0), (300.0, 5.0)], ()]
+    free, kept = bounded(model), bounded(model, torque_speed=curves)
+
+    def use(run: list[Interval]) -> float:
+        tau, v = (np.abs(np.concatenate([getattr(x, key)[:1, 0] for x in run])) for key in ("tau_m", "v_m"))
+        return float((tau / np.interp(v, *np.array(curves[0]).T)).max())
+
+    assert use(free) > 1.03 and use(kept) < 1.0 + KEPT_IN_STREAMS
+    # a planted bug: the torque at rest is allowed at each speed
+    assert use(bounded(model, torque_max=[27.0, np.inf])) > 1.03
+    end = [[(0.0, 1e3), (150.0, 999.0)], ()]  # the speed ends with the curve
+    assert max(np.abs(x.v_m[:, 0]).max() for x in bounded(model, torque_speed=end)) < 150.0 * (1.0 + KEPT_IN_STREAMS)
+
+
+def test_a_limit_of_gears_does_not_follow_from_a_wrong_jacobian(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planted bug: torques of gears do not depend on the acceleration of the path."""
+    texts = clib_files.read_clib()
+    wrong = texts["limits.h"].replace("f->F[i][j] = F[i][j];", "f->F[i][j] = 0.0;")
+    assert wrong != texts["limits.h"]
+    limit = a_little_less("planar5_nmp")["gear_torque_max"]
+    monkeypatch.setattr(clib_files, "read_clib", lambda: {**texts, "limits.h": wrong})
+    kept = bounded("planar5_nmp", force=True, gear_torque_max=limit)
+    assert (largest_uses("planar5_nmp", kept)["gear_torque_max"] / limit).max() > 1.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", sorted({*SIZES, *OF_TOOL}))
+def test_six_axes_keep_a_limit_of_each_kind(kind: str) -> None:
+    model = "manutec_r3_18"
+    limit = a_little_less(model)[kind]
+    kept = bounded(model, **{kind: float(limit[0]) if kind in OF_TOOL else limit})
+    assert (largest_uses(model, kept)[kind] / limit).max() < 1.0 + KEPT_IN_STREAMS
+    assert max(x.deviation_m for x in kept) < 0.02 and strays(model, kept) < FOLLOWED
+
+
+def test_limits_of_a_stream_that_it_cannot_have() -> None:
+    equations = flexgen.derive("planar5_nmp")
+    path = Path(equations, equations.model.moves[0])
+    y = given("planar5_nmp", 0, 30)[0][0]
+    plain = paths_library(equations, "invert", "stream").stream(y, path.q_start, period=PERIOD, intervals=30)
+    with pytest.raises(ArgumentError, match=r"has no part limits; generate it with parts=\[\"limits\"\]"):
+        plain.limit_all(torque_max=[1.0, 1.0])
+    stream = with_all_limits("planar5_nmp").stream(y, path.q_start, period=PERIOD, intervals=30)
+    with pytest.raises(ArgumentError, match="stream: given the limit 'gear_torque', expected some of torque_max, "):
+        stream.limit_all(gear_torque=[1.0, 1.0])
+    with pytest.raises(ArgumentError, match=r"stream, gear_torque_max: given \[ 1. -1.\], expected positive numbers"):
+        stream.limit_all(gear_torque_max=[1.0, -1.0])
+    many = [(float(k), 100.0 - 0.1 * k * k) for k in range(22)]
+    stream.limit_all(torque_speed=[many[:-1], ()])  # twenty edges
+    with pytest.raises(ArgumentError, match="out of range"):
+        stream.limit_all(torque_speed=[many, ()])
+    short = with_all_limits("planar5_nmp").stream(y, path.q_start, period=PERIOD, intervals=3)
+    with pytest.raises(ArgumentError, match="horizon is too short"):
+        short.limit_all(gear_torque_max=[1.0, 1.0])
