@@ -172,7 +172,7 @@ static inline int run_qp(qp *p, real price, int steps)
 
 /* --- Change of the path within the horizon of a stream. */
 
-#if BYTES == 8
+#if MODEL_LIMITED
 /* The largest torque of a motor at rest by an edge of its torque-speed curve, and what the speed takes from it; the
  * first is infinite where there is no edge. */
 static inline real edge_of_curve(const model_inversion_limits *limits, int motor, int edge, real *load)
@@ -226,7 +226,7 @@ static inline int are_in_range(const model_inversion_limits *l)
            (l->torque_speed == NULL || (l->torque_speed_points >= 2 && are_curves(l)));
 }
 
-#endif
+#endif /* MODEL_LIMITED */
 enum {
     BLOCKS = 8, /* blocks of constant input over the horizon, at most */
     INPUTS = BLOCKS * NY,

@@ -9,6 +9,10 @@
  * u_start: the inverse of
  *
  *     r_f <- r_f + a (r - r_f),    s = f D r_f + k_p (r_f - q) - D q,    u = u_start + k_v (s + k_i h sum s)
+ *
+ * With filters of the torque u is what goes into them, from what comes out: notch filters are inverted by recursion,
+ * low-pass filters, whose zeros are at z = -1, with samples after the present one, 1 / (1 + D2 / 4) by a series in the
+ * second difference D2.
  */
 #ifndef MODEL_SERVO_H
 #define MODEL_SERVO_H
@@ -23,7 +27,13 @@ enum {
     SERVO_GAINS,                        /* k_p, k_v, k_i */
     SERVO_START = SERVO_GAINS + 3 * NM, /* torque and angle at the start, and the offset that holds the torque */
     SERVO_STATE = SERVO_START + 3 * NM, /* w, c, q and r_f of the sample before */
+#if MODEL_FILTERS
+    SERVO_FILTERS = SERVO_STATE +
+        4 * NM, /* of each notch filter and motor: two samples of what comes out, and goes in */
+    SERVO_NUMBERS = SERVO_FILTERS + 4 * NM * NOTCHES
+#else  /* MODEL_FILTERS */
     SERVO_NUMBERS = SERVO_STATE + 4 * NM
+#endif /* MODEL_FILTERS */
 };
 
 static const real servo_same = 1e-6; /* relative difference of sample times that are equal */
@@ -52,6 +62,11 @@ static inline int servo_fits(const model_servo *o, real period, real hold, real 
         !(fabs_1(period - h) <= servo_same * h) || !(fabs_1(delay * h - o->delay) <= servo_same * h)) {
         return 0;
     }
+#if MODEL_FILTERS
+    if (!(fabs_1(h - filter_sample) <= servo_same * h)) { /* the filters are those of this sample time */
+        return 0;
+    }
+#endif /* MODEL_FILTERS */
     for (int j = 0; j < NM; ++j) {
         if (!is_within(o->position_gain[j], 0.0, 1e12, 0) || !is_within(o->speed_gain[j], 0.0, 1e12, 0) ||
             !is_within(o->integral_gain[j], 0.0, 1e12, 1)) {
@@ -82,8 +97,8 @@ static inline void begin_servo(const real *tau_m, const real *q_m, real *c)
     for (int j = 0; j < NM; ++j) {
         c[SERVO_START + 2 * NM + j] = k_i[j] > 0.0 ? 0.0 : tau_m[j] / (k_p[j] * k_v[j]);
     }
-    for (int j = 0; j < 4 * NM; ++j) {
-        c[SERVO_STATE + j] = 0.0;
+    for (int j = SERVO_STATE; j < SERVO_NUMBERS; ++j) {
+        c[j] = 0.0;
     }
 }
 
@@ -105,13 +120,50 @@ static inline void next_reference(const real *tau_m, const real *q_m, real *c, r
     }
 }
 
+#if MODEL_FILTERS
+/* What goes into the filters at sample k, from what comes out of them at the samples from `first` to `last`. */
+static inline void unfilter(const real *tau_m, ptrdiff_t first, ptrdiff_t last, ptrdiff_t k, real *c, real *out)
+{
+    const real *u_start = c + SERVO_START;
+    for (int j = 0; j < NM; ++j) {
+        real x = 0.0;
+        for (int i = 0; i < FILTER_TAPS; ++i) {
+            const ptrdiff_t at = k + i - FILTER_BEFORE;
+            if (at >= first) {
+                x += filter_tap[i] * (tau_m[(at < last ? at : last) * NM + j] - u_start[j]);
+            }
+        }
+        for (int i = 0; i < NOTCHES; ++i) {
+            const real *f = notch_filter[i]; /* b0, b1, b2, a1, a2 */
+            real *z = c + SERVO_FILTERS + 4 * (i * NM + j);
+            const real in = (x + f[3] * z[0] + f[4] * z[1] - f[1] * z[2] - f[2] * z[3]) / f[0];
+            z[1] = z[0];
+            z[0] = x;
+            z[3] = z[2];
+            z[2] = x = in;
+        }
+        out[j] = u_start[j] + x;
+    }
+}
+
+/* The commands of n samples, where they are wanted; torques are known from sample `first` to `last`. */
+static inline void give_commands(const real *tau_m, ptrdiff_t first, ptrdiff_t last, const real *q_m, ptrdiff_t n,
+    real *c, real *command_m, real *command_g)
+#else  /* MODEL_FILTERS */
 /* The commands of n samples, where they are wanted. */
 static inline void give_commands(
     const real *tau_m, const real *q_m, ptrdiff_t n, real *c, real *command_m, real *command_g)
+#endif /* MODEL_FILTERS */
 {
     for (ptrdiff_t k = 0; k < n; ++k) {
         real reference[NM];
+#if MODEL_FILTERS
+        real sent[NM];
+        unfilter(tau_m, first, last, k, c, sent);
+        next_reference(sent, q_m + k * NM, c, reference);
+#else  /* MODEL_FILTERS */
         next_reference(tau_m + k * NM, q_m + k * NM, c, reference);
+#endif /* MODEL_FILTERS */
         if (command_m != NULL) {
             copy(reference, NM, command_m + k * NM);
         }

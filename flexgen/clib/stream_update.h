@@ -82,7 +82,10 @@ typedef struct {
     ptrdiff_t last, tau, deflection, lagged, now, joint, most, expected, q_g, reference, nodes, lq, space, end;
 #if MODEL_POSITION
     ptrdiff_t servo, command; /* see servo.h; the commands */
-#endif                        /* MODEL_POSITION */
+#if MODEL_FILTERS
+    ptrdiff_t sent; /* torques to send: FILTER_BEFORE samples, those of this update, FILTER_AHEAD samples */
+#endif              /* MODEL_FILTERS */
+#endif              /* MODEL_POSITION */
 #if MODEL_LUGRE
     ptrdiff_t bristles,
         motion;       /* numbers of the bristles, then their impulses; speeds and accelerations of the motors */
@@ -96,6 +99,9 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
     layout l;
     ptrdiff_t at = (ptrdiff_t)padded(HEAD);
     l.ahead = is_held(hold, delay) ? HOLD_AFTER - 1 + (int)delay : 0;
+#if MODEL_FILTERS
+    l.ahead += l.ahead > 0 ? FILTER_AHEAD : 0;
+#endif /* MODEL_FILTERS */
 #if MODEL_LUGRE
     l.ahead += MARGIN; /* for differences of the impulses of the bristles */
 #endif                 /* MODEL_LUGRE */
@@ -150,6 +156,9 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
 #if MODEL_POSITION
     PLACE(servo, SERVO_NUMBERS);
     PLACE(command, (ptrdiff_t)samples_per_interval * (NM + NG));
+#if MODEL_FILTERS
+    PLACE(sent, (FILTER_BEFORE + samples_per_interval + FILTER_AHEAD) * NM);
+#endif /* MODEL_FILTERS */
 #endif /* MODEL_POSITION */
     PLACE(torque, l.ahead > 0 ? (HOLD_BEFORE + samples_per_interval + l.ahead + 1) * NM : 0);
 #undef PLACE
@@ -865,6 +874,27 @@ static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
     return worst;
 }
 
+#if MODEL_FILTERS
+/* The torques to send in the interval and after it, behind those before it, for the filters of the servo. */
+static inline void sent_torques(real *s, const layout *l, const real *tau_at_start)
+{
+    const ptrdiff_t each = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
+    const real *sample = s + l->torque + (int)s[DELAY] * NM;
+    real weight[HOLD_TAPS], *sent = s + l->sent;
+    hold_weights(s[HOLD], s[DELAY], s[l->limits] > 0.0, weight);
+    for (int i = 0; i < FILTER_BEFORE; ++i) {
+        copy(tau_at_start == NULL ? sent + (each + i) * NM : tau_at_start, NM, sent + i * NM);
+    }
+    sent += FILTER_BEFORE * NM;
+    for (ptrdiff_t k = 0; k < (each + FILTER_AHEAD) * NM; ++k) {
+        sent[k] = 0.0;
+        for (int i = 0; i < HOLD_TAPS; ++i) {
+            sent[k] += weight[i] * sample[k + i * NM];
+        }
+    }
+}
+
+#endif /* MODEL_FILTERS */
 /* The torques to send in the interval from those of the motors, of which the last are kept for the next update. */
 static inline void hold_interval(real *s, const layout *l, real *tau_m)
 {
@@ -1058,12 +1088,23 @@ static inline int motors_in_interval(
         begin_servo(out->tau_m, out->q_m, s + l->servo); /* before the torques are held, as for a whole path */
     }
 #endif /* MODEL_POSITION */
+#if MODEL_FILTERS
+    if (l->ahead > 0) {
+        sent_torques(s, l, is_first ? out->tau_m : NULL);
+    }
+#endif /* MODEL_FILTERS */
     if (l->ahead > 0) {
         hold_interval(s, l, out->tau_m);
     }
 #if MODEL_POSITION
     if (s[l->servo + SERVO_SAMPLE] > 0.0) {
+#if MODEL_FILTERS
+        give_commands(s + l->sent + FILTER_BEFORE * NM, -(ptrdiff_t)FILTER_BEFORE,
+            samples_per_interval + FILTER_AHEAD - 1, out->q_m, samples_per_interval, s + l->servo, out->command_m,
+            out->command_g);
+#else  /* MODEL_FILTERS */
         give_commands(out->tau_m, out->q_m, samples_per_interval, s + l->servo, out->command_m, out->command_g);
+#endif /* MODEL_FILTERS */
     } else {
         no_commands(samples_per_interval, out->command_m, out->command_g);
     }

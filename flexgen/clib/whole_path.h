@@ -1197,7 +1197,12 @@ static inline model_status finish(const model_samples *p, const model_inversion_
         keep_servo(o->servo, servo);
         begin_servo(r.tau_m, r.q_m, servo); /* before the torques are held: the first one holds the robot at rest */
         hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+#if MODEL_FILTERS
+        give_commands(r.tau_m, 0, (ptrdiff_t)l->samples - 1, r.q_m, (ptrdiff_t)l->samples, servo, motion->command_m,
+            motion->command_g);
+#else  /* MODEL_FILTERS */
         give_commands(r.tau_m, r.q_m, (ptrdiff_t)l->samples, servo, motion->command_m, motion->command_g);
+#endif /* MODEL_FILTERS */
     } else {
         no_commands((ptrdiff_t)l->samples, motion->command_m, motion->command_g);
         if (r.tau_m != NULL) {

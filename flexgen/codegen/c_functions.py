@@ -347,7 +347,6 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
             Field("limits", "const inversion_limits *", (), "", "null members and infinite entries: no limits"),
             Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),
         ),
-        double=True,
         part=BOUNDS,
     ),
     *LIMITED_FUNCTIONS,

@@ -18,6 +18,7 @@ from flexgen.codegen.clib_types import CFunction, Enum, Field, Struct
 from flexgen.codegen.constants_header import (
     constants_header,
     count_elements,
+    filter_sizes,
     has_bounds,
     has_growth,
     has_positions,
@@ -29,7 +30,7 @@ from flexgen.codegen.constants_header import (
 )
 from flexgen.codegen.interface import LIMITS
 from flexgen.codegen.spec import LibrarySpec
-from flexgen.codegen.stream_bounds import BLOCK, CALL, Linear, stream_operations, stream_size
+from flexgen.codegen.stream_bounds import BLOCK, CALL, Contents, Linear, stream_operations, stream_size
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
@@ -47,17 +48,8 @@ KERNEL = (
     "undefine.h",
 )  # of every library
 _PARTS = (
-    "BOUNDS",
-    "CURVED",
-    "DIRECT",
-    "FORCE",
-    "HYSTERESIS",
-    "HARMONICS",
-    "LIMITS",
-    "LOAD",
-    "LUGRE",
-    "MEMORY",
-    "POSITION",
+    *("BOUNDS", "CURVED", "DIRECT", "FILTERS", "FORCE", "HYSTERESIS", "HARMONICS"),
+    *("LIMITED", "LIMITS", "LOAD", "LUGRE", "MEMORY", "POSITION"),
 )
 _IF = re.compile(r"#if (?:MODEL_)?([A-Z]+)(?: (>|==|!=) (\d+))?\n")
 _COMPARE = {">": gt, "==": eq, "!=": ne}
@@ -164,9 +156,11 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
         "BOUNDS": has_bounds(spec),
         "CURVED": is_curved(spec),
         "DIRECT": spec.motor_constants.massless,
+        "FILTERS": any(filter_sizes(spec)),
         "FORCE": spec.force,
         "HYSTERESIS": count_elements(spec) > 0,
         "HARMONICS": is_harmonic(spec),
+        "LIMITED": any(struct.name == "inversion_limits" for struct in spec.structs),
         "LOAD": is_loaded(spec),
         "LUGRE": is_bristled(spec),
         "POSITION": has_positions(spec),
@@ -260,13 +254,14 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
     sizes = {**spec.sizes, "n_t": n_t + more}
-    has = count_elements(spec), has_positions(spec), is_bristled(spec), has_bounds(spec), is_curved(spec)
-    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, *has[:4])
+    elements = count_elements(spec), is_curved(spec)
+    has = Contents(*elements, has_positions(spec), is_bristled(spec), has_bounds(spec), filter_sizes(spec))
+    size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, has)
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
         arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries + more * n_a
-    most = stream_operations(sizes, arithmetic, block, *has)
+    most = stream_operations(sizes, arithmetic, block, has)
 
     def linear(name: str, bound: Linear) -> str:
         arguments = "intervals, samples_per_interval"
@@ -371,7 +366,7 @@ def stack_bytes(spec: LibrarySpec) -> int:
     n_a, n_e, n_y, n_g = (spec.sizes.get(key, 0) for key in ("n_a", "n_e", "n_y", "n_g"))
     at_rest = n_a * (n_a + 4 * n_y + 3 * n_e + 16)
     zeros = 3 * n_e * (n_e + 1) + 40 * n_e  # of A, D, K at an end; or eight rows of a step
-    servo = has_positions(spec) * (11 * n_g + 3)
+    servo = has_positions(spec) * (11 * n_g + 3 + 4 * n_g * filter_sizes(spec)[2])
     elements = count_elements(spec)  # of gears with hysteresis: arrays of lanes
     branches = (elements > 0) * (80 * (n_g + 8) + 16 * n_g) + 3 * max(0, elements - 1) * (n_g + 8)
     branches += is_curved(spec) * (elements * (n_g + 8) + 60)

@@ -10,6 +10,7 @@ from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
 from flexgen.mechanics.signatures import INVERTING
+from flexgen.position_servo.filters import inverse_taps
 
 
 def count_elements(spec: LibrarySpec) -> int:
@@ -45,6 +46,15 @@ def has_positions(spec: LibrarySpec) -> bool:
 def has_bounds(spec: LibrarySpec) -> bool:
     """Whether the streams of the library keep all limits."""
     return any(f.name == "stream_all_limits" for f in spec.c_functions)
+
+
+def filter_sizes(spec: LibrarySpec) -> tuple[int, int, int]:
+    """Of the filters of a servo: samples before the present one and after it that their inverse needs; notches."""
+    servo = None if spec.motor_constants is None else spec.motor_constants.servo
+    if servo is None:
+        return 0, 0, 0
+    taps, before = inverse_taps(servo.low_pass, servo.sample_time)
+    return before, len(taps) - 1 - before, len(servo.notch)
 
 
 def has_growth(spec: LibrarySpec) -> bool:
@@ -113,6 +123,15 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         for name, values in constants.lugre.items():
             note = " /* 0: none */" * (name == "coulomb")
             text += f"static const real lugre_{name}[{nm}] = {join(values)};{note}\n"
+    if (servo := constants.servo) is not None and servo.filters:
+        taps, h = inverse_taps(servo.low_pass, servo.sample_time)[0], servo.sample_time
+        names = ("FILTER_BEFORE", "FILTER_AHEAD", "NOTCHES")
+        sizes = ", ".join(f"{name} = {n}" for name, n in zip(names, filter_sizes(spec), strict=True))
+        text += f"enum {{ {sizes}, FILTER_TAPS = {len(taps)} }}; /* of the servo */\n"
+        text += f"static const real filter_tap[FILTER_TAPS] = {join(taps)};\n"
+        sections = [one.section(h) for one in servo.notch] or [(1.0, 0.0, 0.0, 0.0, 0.0)]
+        text += f"static const real notch_filter[{len(sections)}][5] = {{{', '.join(map(join, sections))}}};\n"
+        text += f"static const real filter_sample = {literal(h, spec.precision)}; /* s */\n"
     text += _for_growth(spec, written, join(constants.arm_side))
     used = [f for f in spec.functions if f.name in INVERTING]
     space = space_of(spec, written)

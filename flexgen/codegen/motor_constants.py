@@ -81,8 +81,8 @@ def position_obstacle(model: RobotModel) -> str | None:
         return f"model {model.name} has no table [servo]"
     if model.servo.type != "cascade":
         return f'the servo of model {model.name} is of type "{model.servo.type}", not "cascade", gains of each motor'
-    if model.servo.filters:
-        return f"the servo of model {model.name} filters its torque, which only command_positions inverts"
+    if any(one.zero_damping <= 0.0 for one in model.servo.notch):
+        return f"a notch filter of the servo of model {model.name} has zeros without damping: its inverse is unstable"
     return None
 
 

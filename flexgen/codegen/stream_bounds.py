@@ -49,27 +49,32 @@ class Linear:
         return self.constant + self.per_interval * intervals + self.per_sample * samples_per_interval
 
 
+@dataclass(frozen=True)
+class Contents:
+    """What a stream has: elements of hysteresis in a gear, some by other laws than Dahl's; positions to send, frictions
+    with a state, all limits; of filters of a servo samples before the present one, after it, and notches."""
+
+    elements: int
+    curved: bool
+    position: bool
+    bristles: bool
+    bounds: bool
+    filters: tuple[int, int, int]
+
+
 def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
     n_a, n_g, n_e, n_m, n_y, n_t = (sizes[key] for key in ("n_a", "n_g", "n_e", "n_m", "n_y", "n_t"))
     return n_a, n_g, n_e, n_m, n_y, n_t
 
 
-def stream_size(
-    sizes: Mapping[str, int],
-    function_work: int,
-    block: int,
-    elements: int = 0,
-    position: bool = False,
-    bristles: bool = False,
-    bounds: bool = False,
-) -> Linear:
+def stream_size(sizes: Mapping[str, int], function_work: int, block: int, has: Contents) -> Linear:
     """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that it calls."""
     rounding = block - 1  # reals by which an array may be rounded up
     n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
     reference, states, controls = n_t + 2 * n_y, 2 * n_e, STAGES * n_e
     columns = controls + states + 1
     width = (columns + block - 1) // block * block
-    bounded, inputs = _count_bounded(sizes, bounds), BLOCKS * n_y
+    bounded, inputs = _count_bounded(sizes, has.bounds), BLOCKS * n_y
 
     points = 3 * n_a + n_t + 2 * n_y + n_y + n_a * n_y + n_y + n_y * n_g + 2 + n_g
     if n_e:
@@ -85,18 +90,22 @@ def stream_size(
     )
 
     node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
-    node += bounds * (3 * n_m + n_e)
-    limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + (24 + 4 * bounds) * rounding, node, 0)
-    limits += Linear(bounds * 2 * n_m * EDGES, 0, 0)
+    node += has.bounds * (3 * n_m + n_e)
+    limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + (24 + 4 * has.bounds) * rounding, node, 0)
+    limits += Linear(has.bounds * 2 * n_m * EDGES, 0, 0)
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
     total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
-    total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + ((elements > 0) * (BRANCH - 1) + elements) * n_g, 0, n_m)
-    if bristles:  # impulses, speeds and accelerations, of more samples ahead
+    branches = (has.elements > 0) * (BRANCH - 1) + has.elements
+    total += Linear((BEFORE + AHEAD + 1) * n_m + rounding + branches * n_g, 0, n_m)
+    if has.bristles:  # impulses, speeds and accelerations, of more samples ahead
         impulses = Linear((2 + AHEAD + 3 * MARGIN) * n_m, 0, n_m) + Linear(2 * (AHEAD + MARGIN + 1) * n_m, 0, 2 * n_m)
         total += impulses + Linear(MARGIN * (window + n_m) + 2 * rounding, 0, 0)
-    if position:
-        total += Linear(3 + SERVO * n_m + 2 * rounding, 0, n_m + n_g)
+    if has.position:
+        before, more, notches = has.filters
+        total += Linear(3 + (SERVO + 4 * notches) * n_m + 2 * rounding, 0, n_m + n_g)
+        total += Linear((before + more) * n_m + rounding, 0, n_m).times(any(has.filters))
+        total += Linear(more * (window + n_m), 0, 0)
     total += Linear(n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0)
     total += Linear(problem + lq * (n_e > 0) + function_work + block + 2 * rounding, 0, 0)
     if n_e:
@@ -107,16 +116,7 @@ def stream_size(
     return total
 
 
-def stream_operations(
-    sizes: Mapping[str, int],
-    operations: Mapping[str, int],
-    block: int,
-    elements: int = 0,
-    position: bool = False,
-    bristles: bool = False,
-    bounds: bool = False,
-    curved: bool = False,
-) -> Linear:
+def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], block: int, has: Contents) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
 
     ``operations``: of one point of each function that the inversion calls, with `CALL` for every call of the kernel.
@@ -133,30 +133,32 @@ def stream_operations(
         motors += operations["motor_harmonics"] + 12 * n_m
     spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
 
-    if elements:  # of hysteresis; lanes without gear too
+    if has.elements:  # of hysteresis; lanes without gear too
         lanes = -(-n_g // block) * block
         radau = (
-            BRANCH_PASSES * (3 * operations["gear_law"] + (3 * elements * (CALL + 30) + 110) * lanes)
+            BRANCH_PASSES * (3 * operations["gear_law"] + (3 * has.elements * (CALL + 30) + 110) * lanes)
             + LOCATIONS * 80 * lanes
         )
-        if curved:  # a piece and its polynomial for each element; the path at each reversal
-            radau += elements * n_g * (BRANCH_PASSES * 3 * 60 + 9 * 60 * 40)
+        if has.curved:  # a piece and its polynomial for each element; the path at each reversal
+            radau += has.elements * n_g * (BRANCH_PASSES * 3 * 60 + 9 * 60 * 40)
 
-    ahead = AHEAD + MARGIN * bristles
+    before, more, notches = has.filters
+    ahead = AHEAD + MARGIN * has.bristles + more
     # the window of samples around the interval, in groups of points; a guess that fails is made again
     group = 2 * kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)
     window = Linear(group * (2 * BACK + 1 + ahead + block) // block + group, 0, group // block + 1)
     window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
     window += Linear(600, 0, 2 * TAPS * n_m)  # hold: weights, and their use
-    if position:  # of a sample of the servo: its recursion, and the joints
+    if has.position:  # of a sample of the servo: its recursion, and the joints
         window += Linear(20 * n_m, 0, 40 * n_m + 2 * n_g * n_m)
+        window += Linear(more * 2 * TAPS * n_m, 0, (2 * TAPS + 3 * (before + more + 1) + 12 * notches) * n_m)
     window += Linear(2 * BACK + 2 + ahead, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
-    if bristles:  # parts, reversals of the speed, torques of a sample of a motor
+    if has.bristles:  # parts, reversals of the speed, torques of a sample of a motor
         sample = n_m * (PIECES * PARTS * (3 * (CALL + 30) + 130) + 3 * 60 * 12 + 200 + 4 * n_g)
         window += Linear((ahead + 1) * sample, 0, sample)
     total = window + Linear(kinematics + block * path + 200 * n_g, 40 * (n_g + n_g * n_m + n_m), 0)
 
-    total += _limits(sizes, kinematics + rows, path, spring + motors, block, bounds)
+    total += _limits(sizes, kinematics + rows, path, spring + motors, block, has.bounds)
     if n_e:
         reduced = _count_reduced(sizes, operations["inversion_jacobians"], block)
         total += _lq(n_e, kinematics + reduced, kinematics + rows, block)

@@ -345,7 +345,7 @@ class Stream:
         if entry is None and self._entries.limits is not None:
             raise ArgumentError(
                 f"stream: given limits of all kinds, but library {self._entries.name} has no part limits; generate it "
-                'with parts=["limits"] (--with limits), in double precision'
+                'with parts=["limits"] (--with limits)'
             )
         if entry is not None:
             members = limit_members("stream", limits, self._sizes, self._entries.real)

@@ -108,6 +108,7 @@ def test_no_recommendation_at_a_singular_pose():
         (HYSTERETIC, "double"),
         (CURVED, "double"),
         (LIMITED, "double"),
+        (LIMITED, "single"),
         ("planar5_nmp", "double"),
         ("beam_arm", "double"),
         ("planar5_nmp", "single"),

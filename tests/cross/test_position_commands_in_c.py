@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from servo_in_mujoco import GAINS, PLAIN, InMujoco, OwnServo, robot_of, with_servo
+from servo_in_mujoco import GAINS, PLAIN, InMujoco, OwnServo, robot_of, sampled, with_servo
 from toolchain import needs_compiler
 
 import flexgen
@@ -33,8 +33,24 @@ from flexgen.servo.servo import servo_of
 
 pytestmark = needs_compiler
 H = 5e-4  # s, of the servo
+FILTERED = 1e-5  # of the torques of a servo with filters: the series of their inverse ends, plans of a stream change
 PERIOD, EACH, INTERVALS = 5e-3, 10, 100  # of a stream: update, samples, horizon
 NAMES = ("command_m", "command_g", "tau_m", "q_m", "q_a")
+FILTERS = """
+notch = [{ frequency_hz = 60.0 }, { frequency_hz = 110.0, zero_damping = 0.05, pole_damping = 0.5 }]
+low_pass = [{ frequency_hz = 400.0, damping = 0.9 }, { frequency_hz = 700.0 }]
+"""
+SECTIONS = (
+    sampled([1.0, 0.2, 1.0], [1.0, 1.4, 1.0], 60.0, H),
+    sampled([1.0, 0.1, 1.0], [1.0, 1.0, 1.0], 110.0, H),
+    sampled([0.0, 0.0, 1.0], [1.0, 1.8, 1.0], 400.0, H),
+    sampled([0.0, 0.0, 1.0], [1.0, 1.4, 1.0], 700.0, H),
+)
+PLANTED_IN_FILTERS = {
+    "a sample later": ("at = k + i - FILTER_BEFORE", "at = k + i - FILTER_BEFORE - 1"),
+    "memory of a notch": ("z[1] = z[0];", "z[1] = x;"),
+    "no samples before an interval": ("sent + (each + i) * NM : tau", "sent : tau"),
+}
 PLANTED = {
     "integral part": ("sum[j] = (sum[j] + (w", "sum[j] = (0.0 * sum[j] + (w"),
     "delay": ("reference[j] = (filtered[j]", "reference[j] = (before"),
@@ -160,9 +176,10 @@ def test_results_without_a_servo_are_those_of_other_libraries(robot: Any, tmp_pa
     assert np.array_equal(one.tau_m, library.invert(*path, **given, servo=True).tau_m)
 
 
-def test_memory_of_a_stream_is_that_of_its_macro(robot: Any) -> None:
+@pytest.mark.parametrize("which", ["robot", "filtering"])
+def test_memory_of_a_stream_is_that_of_its_macro(request: pytest.FixtureRequest, which: str) -> None:
     """With the largest delay of a hold; the macro of the public header is a bound that is not far away."""
-    _, library = robot
+    _, library = request.getfixturevalue(which)
     text = (library.directory / "planar5_nmp_inversion.h").read_text()
     found = re.search(r"STREAM_SIZE\(.*\) *\\\n *\((.*)\)\n", text)
     assert found is not None
@@ -175,13 +192,60 @@ def test_memory_of_a_stream_is_that_of_its_macro(robot: Any) -> None:
         assert needed <= bound <= 1.15 * needed + 2500
 
 
+# --- filters of the torque --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def filtering(tmp_path_factory: pytest.TempPathFactory) -> tuple[flexgen.RobotModel, Library]:
+    folder = tmp_path_factory.mktemp("filters")
+    model = replace(robot_of("planar5_nmp"), servo=flexgen.read(with_servo(folder, PLAIN + FILTERS)).servo)
+    return model, library_of(model, folder)
+
+
+@pytest.mark.parametrize("find", [inverted, streamed], ids=["whole path", "stream"])
+def test_a_servo_that_filters_its_torque_sends_the_torques(filtering: Any, find: Callable[..., Any]) -> None:
+    model, library = filtering
+    found = find(model, library)
+    assert miss(found, filters=SECTIONS) < FILTERED
+    assert miss(found) > 1e-2 and miss(found, filters=SECTIONS[:3]) > 1e-3
+    np.testing.assert_allclose(found.command_g @ model.eta.T, found.command_m, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("find", [inverted, streamed], ids=["whole path", "stream"])
+def test_mujoco_with_filters_of_the_torque_follows_the_path(filtering: Any, find: Callable[..., Any]) -> None:
+    model, library = filtering
+    found = find(model, library)
+    assert error_in_mujoco(model, found, filters=SECTIONS) < 2e-6
+    assert error_in_mujoco(model, found) > 1e-4
+
+
+@pytest.mark.parametrize("name", PLANTED_IN_FILTERS)
+def test_planted_errors_of_filters_are_found(
+    filtering: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    texts, (old, new) = clib_files.read_clib(), PLANTED_IN_FILTERS[name]
+    file = "stream_update.h" if "each" in old else "servo.h"
+    assert texts[file].count(old) == 1
+    wrong = texts | {file: texts[file].replace(old, new)}
+    monkeypatch.setattr(clib_files, "read_clib", lambda: wrong)
+    library = library_of(filtering[0], tmp_path)
+    assert not miss(streamed(filtering[0], library), filters=SECTIONS) < 1e-4
+
+
+def test_filters_hold_for_the_sample_time_of_the_model_file(filtering: Any) -> None:
+    model, library = filtering
+    move, path = samples_of(model, 1e-3)
+    with pytest.raises(ArgumentError, match="out of range"):
+        library.invert(*path, period=1e-3, q_start=move.q_start, n_pre=400, servo={"sample_time": 1e-3})
+
+
 # --- the robot --------------------------------------------------------------------------------------------------------
 
 
 def error_in_mujoco(model: flexgen.RobotModel, found: Any, delay: int = 0, **changes: Any) -> float:
     """Largest distance [m] of the tool from the path, of a robot that gets a command at each sample of its servo."""
     t, hold = found.t, found.tau_m[0]  # at rest
-    servo = OwnServo(*changes.pop("gains", GAINS), hold, found.q_m[0], 0.8, 0.003, H)
+    servo = OwnServo(*changes.pop("gains", GAINS), hold, found.q_m[0], 0.8, 0.003, H, changes.pop("filters", ()))
     arm = InMujoco(model, found.q_a[0], found.q_m[0])
     rows = np.vstack([found.command_m[:1]] * (delay + 1) + [found.command_m])[1:]
     at, q_a, _ = arm.follow(servo, lambda s: rows[round((s - t[0]) / H)], t[0], t[0] + H * (len(t) - 1))
@@ -226,7 +290,10 @@ def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
     [
         ("", r"'position', but model planar5_nmp has no table \[servo\]"),
         ('[servo]\ntype = "ppi"\n', r'is of type "ppi", not "cascade", gains of each motor'),
-        (f"[servo]\n{PLAIN}\nnotch = [{{ frequency_hz = 60 }}]\n", "filters its torque, which only command_positions"),
+        (
+            f"[servo]\n{PLAIN}\nnotch = [{{ frequency_hz = 60, zero_damping = 0.0 }}]\n",
+            "has zeros without damping: its inverse is unstable",
+        ),
     ],
 )
 def test_servos_that_c_does_not_have(tmp_path: Path, table: str, message: str) -> None:

@@ -255,13 +255,19 @@ def test_a_step_of_more_samples_than_can_be_computed_is_discarded_at_once(block,
 # --- positions to send ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("integral", [6.0, pytest.param(0.0, marks=pytest.mark.slow)])
-def test_the_feedforward_of_a_robot_with_a_servo_gives_its_commands(integral, tmp_path):
+FILTERS = "notch = [{ frequency_hz = 60.0 }]\nlow_pass = [{ frequency_hz = 400.0 }]\n"
+
+
+@pytest.mark.parametrize(
+    ("integral", "filters"),
+    [(6.0, ""), *(pytest.param(x, text, marks=pytest.mark.slow) for x, text in ((0.0, ""), (6.0, FILTERS)))],
+)
+def test_the_feedforward_of_a_robot_with_a_servo_gives_its_commands(integral, filters, tmp_path):
     """The bits of the stream of a library with positions; planted: each sample one update late."""
     table = "\n[servo]\ntype = 'cascade'\nposition_gain = [30.0, 25.0]\nspeed_gain = [1.5, 0.4]\n"
     table += f"integral_gain = [{integral}, 6.0]\n"
     file = tmp_path / "robot.toml"
-    file.write_text(Path(flexgen.read("elbow").file).read_text() + table + "delay = 0.0005\n")
+    file.write_text(Path(flexgen.read("elbow").file).read_text() + table + "delay = 0.0005\n" + filters)
     written = flexgen.export_fmu(file, tmp_path / "elbow.fmu", block="feedforward")
     library = flexgen.generate(file, tmp_path / "library", parameters=["payload"], parts=["position"]).directory
     robot, start, begin = flexgen.read(file), fmus.starts(written, OUTPUT), fmus.starts(written, INPUT)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
+from scipy.signal import bilinear, lfilter
 
 import flexgen
 from flexgen.exports.mujoco import mjcf
@@ -37,6 +39,15 @@ def with_servo(folder: Path, table: str, name: str = "planar5_nmp") -> Path:
     return file
 
 
+Section = tuple[np.ndarray, np.ndarray]  # numerator and denominator in 1/z
+
+
+def sampled(b: Sequence[float], a: Sequence[float], hz: float, h: float) -> Section:
+    """A filter of order two in s/w, highest power first, by the bilinear transform with the frequency in place."""
+    scale = np.tan(np.pi * hz * h) ** -np.arange(2.0, -1.0, -1.0)
+    return bilinear(np.array(b) * scale, np.array(a) * scale, fs=0.5)
+
+
 @dataclass
 class OwnServo:
     """A P-PI servo as in textbooks, sample by sample, about the torque that holds the robot where it begins."""
@@ -49,8 +60,10 @@ class OwnServo:
     feedforward: float = 1.0
     filter_s: float = 0.0
     h: float = 5e-4
+    filters: Sequence[Section] = ()  # of the torque
 
     def __post_init__(self) -> None:
+        self.memories = [np.zeros((2, len(self.start))) for _ in self.filters]
         self.reference, self.before, self.angle = self.start.copy(), self.start.copy(), self.start.copy()
         self.integral = np.zeros_like(self.start)
 
@@ -61,7 +74,11 @@ class OwnServo:
         error = wanted - (angle - self.angle) / self.h
         self.integral = self.integral + self.h * error
         self.before, self.angle = self.reference, angle
-        return self.hold + self.k_v * (error + self.k_i * self.integral)
+        u = self.k_v * (error + self.k_i * self.integral)
+        for k, (b, a) in enumerate(self.filters):
+            out, self.memories[k] = lfilter(b, a, u[None], axis=0, zi=self.memories[k])
+            u = out[0]
+        return self.hold + u
 
 
 class InMujoco:
