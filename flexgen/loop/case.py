@@ -136,12 +136,11 @@ def control_case(
     if CHANNEL in trajectory:
         reference = _resting(reference, local.equations.pushed_by(trajectory[CHANNEL][0]), chosen.values[:1])
     rests = local.under(process, time[0]).rests(reference.motion, chosen.values)
-    limits = tuple(m.torque_max or 0.0 for m in robot.motors) if torque_limits else ()
     whole = int(delay / sample_time + 1e-9)
     rest = delay - whole * sample_time
-    hardware = DriveHardware(
-        sample_time, rest if rest > 1e-9 * sample_time else 0.0, encoder_resolution, encoder_noise, 0.0, limits
-    )
+    own, late = DriveHardware.from_model(robot) if torque_limits else DriveHardware(), rest > 1e-9 * sample_time
+    limits = own.torque_max_Nm, own.torque_speed
+    hardware = DriveHardware(sample_time, rest * late, encoder_resolution, encoder_noise, 0.0, *limits)
     points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
     rate, gears = max(local.largest_rate(points, values) for values in chosen.values), None
     if laws:

@@ -105,6 +105,8 @@ typedef struct {
     const double *encoder_error;  /* (encoder_terms, 4): motor, k, c, s: it shows c cos(k q) + s sin(k q) too much */
     const loop_function *signals; /* null, or in place of the sensors */
     const loop_function *wall;    /* null, or a force on the tool in addition to the disturbances */
+    const double *torque_edges;   /* (n_edges, 3): motor, torque at rest, and what its speed takes from it */
+    int32_t n_edges;
 } loop_robots;
 
 #define LOOP_MOST_SHARE 1.01 /* of |z/W|, which is at most 1 where the steps are short enough */
@@ -402,10 +404,15 @@ static void loop_ask(loop_robots *r, int64_t k, const double *y, const double *r
 /* Torque of one robot for a later interval: asked for, then limited (u), and what will act (next, with noise). */
 static void loop_limit(loop_robots *r, int lane, const double *ref, double *u, double *next)
 {
-    size_t lanes = (size_t)r->lanes, own = (size_t)lane;
+    size_t lanes = (size_t)r->lanes, own = (size_t)lane, speeds = 2 * (size_t)r->n_a + (size_t)r->n_m;
     int limited = 0;
     for (int j = 0; j < r->n_m; ++j) {
-        double most = r->torque_max[j], noise = 0.0, ahead = ref[r->n_y + j];
+        double most = r->torque_max[j] > 0.0 ? r->torque_max[j] : INFINITY, noise = 0.0, ahead = ref[r->n_y + j];
+        for (const double *edge = r->torque_edges; edge < r->torque_edges + 3 * r->n_edges; edge += 3) {
+            if ((int)edge[0] == j) {
+                most = fmax(0.0, fmin(most, edge[1] - edge[2] * fabs(r->state[(speeds + (size_t)j) * lanes + own])));
+            }
+        }
         if (r->gain[lane] != 1.0) {
             u[j] = ahead + r->gain[lane] * (u[j] - ahead);
         }
@@ -413,7 +420,7 @@ static void loop_limit(loop_robots *r, int lane, const double *ref, double *u, d
             r->status[lane] = r->status[lane] == LOOP_DONE ? LOOP_CONTROLLER_FAILED : r->status[lane];
             u[j] = 0.0;
         }
-        if (most > 0.0 && fabs(u[j]) > most) {
+        if (fabs(u[j]) > most) {
             u[j] = u[j] > 0.0 ? most : -most;
             limited = 1;
         }

@@ -27,6 +27,7 @@ from flexgen.loop.controllers import loop_module
 from flexgen.loop.hardware import DriveHardware, SensorChannels
 from flexgen.loop.interface import INTERRUPTED, Controller, Setup
 from flexgen.loop.robots_in_c import ARRAYS, Robots, seeds_of
+from flexgen.mechanics.limit_use import edges_of_curves
 from flexgen.model.elements import RobotModel
 from flexgen.runtime.library import Library
 
@@ -217,6 +218,7 @@ class ClosedLoop:
             "status": np.zeros(lanes, np.int32),
             "saturated": np.zeros(lanes, np.int64),
             "encoder_error": _encoder_terms(model),
+            "torque_edges": edges_of_curves(hardware.torque_speed),
         }
 
     def _structure(self, library: Library, delay: int) -> Robots:
@@ -257,6 +259,7 @@ class ClosedLoop:
         if self.channels.function is not None:
             made.signals = self._address(self.channels.function)
         made.encoder_terms, made.encoder_error = len(terms), terms.ctypes.data
+        made.n_edges, made.torque_edges = len(self._arrays["torque_edges"]), at["torque_edges"]
         return made
 
     def _address(self, function: RobotFunction) -> int:

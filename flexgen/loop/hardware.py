@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,8 @@ class DriveHardware:
         Standard deviation of white noise on the torque of each interval; 0: none.
     torque_max_Nm : tuple of float [N m]
         Limits of the motors; empty: none.
+    torque_speed : sequence of sequences of (float, float) [rad/s, N m]
+        Of each motor points of the largest torque over the speed, see `flexgen.Limits`; empty: none.
 
     Examples
     --------
@@ -43,6 +46,7 @@ class DriveHardware:
     encoder_noise_rad: float = 0.0
     torque_noise_Nm: float = 0.0
     torque_max_Nm: tuple[float, ...] = ()
+    torque_speed: Sequence[Sequence[Sequence[float]]] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sample_s) and self.sample_s > 0):
@@ -57,7 +61,9 @@ class DriveHardware:
     @classmethod
     def from_model(cls, model: RobotModel, **values: float) -> DriveHardware:
         """With the torque limits of a model, 0 where a motor has none; ``values``: the other fields."""
-        return cls(**values, torque_max_Nm=tuple(motor.torque_max or 0.0 for motor in model.motors))
+        curves = tuple(motor.torque_speed for motor in model.motors)
+        most = tuple(motor.torque_max or 0.0 for motor in model.motors)
+        return cls(**values, torque_max_Nm=most, torque_speed=curves if any(curves) else ())
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,8 @@ class Robots(ctypes.Structure):
         ("hysteresis", ctypes.c_void_p),
         ("n_z", ctypes.c_int32),
         ("encoder_terms", ctypes.c_int32),
-        *[(name, ctypes.c_void_p) for name in "encoder_error signals wall".split()],
+        *[(name, ctypes.c_void_p) for name in "encoder_error signals wall torque_edges".split()],
+        ("n_edges", ctypes.c_int32),
     ]
 
 

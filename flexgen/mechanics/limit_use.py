@@ -10,7 +10,7 @@ others          speeds and accelerations of motors, joints and the tool, and def
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -165,15 +165,26 @@ def _curve_rows(limits: Limits, motors: tuple[str, ...], tau: np.ndarray, speed:
     for j, (name, curve) in enumerate(zip(motors, limits.torque_speed or (), strict=True)):
         if not curve:
             continue
-        points = np.array(curve)
-        k = -np.diff(points[:, 1]) / np.diff(points[:, 0])
-        c = points[1:, 1] + k * points[1:, 0]
+        c, k = edges_of_curve(curve).T
         own, load = tau[:, j : j + 1], np.abs(speed[:, j : j + 1]) * k
         parts = np.hstack([own / left + load, own / left - load]) / np.tile(c, 2)
         values, allowed = (np.tile(x, (1, 2 * len(k) // x.shape[1])) for x in (own, left * (c - load)))
         names = (name,) * len(parts.T)
         yield LimitRow("torque at its speed", _each("N m", names), names, parts, values, allowed)
-        yield _row("speed of its torque curve", ("rad/s",), (name,), speed[:, j : j + 1], points[-1:, 0])
+        yield _row("speed of its torque curve", ("rad/s",), (name,), speed[:, j : j + 1], np.array([curve[-1][0]]))
+
+
+def edges_of_curve(points: Sequence[Sequence[float]]) -> np.ndarray:
+    """Of each edge of a torque-speed curve the torque at rest [N m], and what the speed takes from it [N m s/rad]."""
+    speeds, torques = np.array(points).T
+    k = -np.diff(torques) / np.diff(speeds)
+    return np.stack([torques[1:] + k * speeds[1:], k], axis=1)
+
+
+def edges_of_curves(curves: Sequence[Sequence[Sequence[float]]]) -> np.ndarray:
+    """Motor, torque at rest and what the speed takes from it, of each edge of the curves of motors (n, 3)."""
+    rows = [(j, *edge) for j, curve in enumerate(curves) if curve for edge in edges_of_curve(curve)]
+    return np.array(rows, dtype=float).reshape(-1, 3)
 
 
 def _rate(values: np.ndarray, time: np.ndarray) -> np.ndarray:

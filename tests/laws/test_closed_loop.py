@@ -116,6 +116,25 @@ def test_torques_stay_within_their_limits():
     assert limited.saturated[0] > 0 and free.saturated[0] == 0
 
 
+def test_torques_stay_within_their_torque_speed_curves():
+    """At the speed of the sample; the second motor has none."""
+    model = flexgen.read("planar5_nmp")
+    free, at_rest, _, _rest = loop_of(model, DriveHardware(T))
+    reference = moving(at_rest, 2, 300, 0.3)
+    run = free.run(reference, 300)
+    torque, speed = np.abs(run.tau_m[:, 0, 0]).max(), np.abs(np.diff(run.q_m[:, 0, 0])).max() / T
+    curve = ((0.0, 1.2 * torque), (0.5 * speed, 0.6 * torque), (1.5 * speed, -torque))
+    limited, _, _, _ = loop_of(model, DriveHardware(T, torque_speed=(curve, ())))
+    found = limited.run(reference, 300, motion=True)
+    assert found.motion is not None
+    v = np.abs(found.motion[:, 2 * model.n_a + model.n_m, 0])
+    allowed = np.maximum(np.interp(v, *np.array(curve).T), 0.0)
+    assert np.all(np.abs(found.tau_m[:, 0, 0]) <= allowed + 1e-9 * torque)
+    cut = np.isclose(np.abs(found.tau_m[:, 0, 0]), allowed, rtol=1e-9)
+    assert 0 < np.count_nonzero(cut) == limited.saturated[0] < 300
+    assert np.abs(run.tau_m[:, 0, 0]).max() > allowed[cut].max()
+
+
 def test_an_unstable_loop_is_an_error_and_not_a_result():
     model = flexgen.read("planar5_nmp")
     gains = default_cascade(model)
