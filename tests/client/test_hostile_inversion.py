@@ -40,6 +40,7 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.statics import reach
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
+from flexgen.runtime.limited_inversion import SIZES
 
 pytestmark = needs_compiler
 
@@ -428,6 +429,51 @@ def test_invalid_limits_are_refused(made, name):
             assert all(np.isfinite(x).all() for x in results.values())
             kept = max(np.abs(results["tau_m"]).max() / size, np.abs(results["v_m"]).max() / (10.0 * size))
             assert status > 0 or kept <= 1.0, (size, k, kept)
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "four_mass"])
+def test_invalid_limits_of_all_kinds_are_refused(made, name):
+    """No memory changes where one is refused; without any, and with infinite ones, a stream has the same bits."""
+    rng = np.random.default_rng(SEED)
+    one = made(name)
+    sizes = one.sizes | {"n_e": one.equations.model.n_e}
+    arrays = {key: np.full(sizes[size], np.inf) for key, size in SIZES.items() if sizes[size]}
+    assert NAMES[Streamed(one, INTERVALS, PARTS, fill=1.0).all_limits(**arrays)] == "NOT_STARTED"
+    stream, plain = begun(one), begun(one)
+    curve = np.tile([[0.0, 1e3], [1e3, 5e2], [2e3, -1e3]], (sizes["n_m"], 1, 1))
+    good = arrays | {"torque_speed": curve, "torque_speed_points": 3}
+    assert stream.all_limits(**good) == 0
+    before = stream.memory.tobytes()
+    for bad in (np.nan, 0.0, -1.0, -np.inf):
+        for key in arrays:
+            wrong = arrays[key].copy()
+            wrong[rng.integers(len(wrong))] = bad
+            assert NAMES[stream.all_limits(**(good | {key: wrong}))] == "BAD_ARGUMENT", key
+        assert NAMES[stream.all_limits(**good, tool_speed_max=bad or -1e-9)] == "BAD_ARGUMENT"
+        assert NAMES[stream.all_limits(**good, tool_acceleration_max=bad or -1e-9)] == "BAD_ARGUMENT"
+        assert NAMES[stream.all_limits(bad, **good)] == "BAD_ARGUMENT"
+        for at in ((0, 0, 1), (0, 1, 1), (0, 2, 0)):
+            wrong = curve.copy()
+            wrong[at] = bad if np.isnan(bad) or at[1] != 1 else np.inf
+            assert NAMES[stream.all_limits(**(good | {"torque_speed": wrong}))] == "BAD_ARGUMENT", at
+    for points in (-1, 0, 1, 22, 2**31 - 1):
+        assert NAMES[stream.all_limits(**(good | {"torque_speed_points": points}))] == "BAD_ARGUMENT"
+    assert stream.memory.tobytes() == before
+    assert stream.all_limits(**arrays) == stream.all_limits() == plain.limits(*[np.full(sizes["n_m"], np.inf)] * 2) == 0
+    for k in range(1, 25):
+        given = sample(one, k)
+        assert stream.update(*given) == plain.update(*given) and not stream.spilled
+        assert all(np.array_equal(x, plain.results()[key]) for key, x in stream.results().items())
+    for size in (1e-300, 1e-9, 1e-3, 1.0, 10.0, 1e3, 1e300):
+        stream = begun(one)
+        assert stream.all_limits(**{key: size * np.ones(len(x)) for key, x in arrays.items()}, tool_speed_max=size) == 0
+        for k in range(1, 25):
+            status = stream.update(*sample(one, k))
+            assert not stream.spilled
+            assert status >= 0 or NAMES[status] in {*LOST, "LIMITS_INFEASIBLE"}
+            if status < 0:
+                break
+            assert all(np.isfinite(x).all() for x in stream.results().values())
 
 
 # --- from Python ------------------------------------------------------------------------------------------------------

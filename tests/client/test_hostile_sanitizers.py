@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 from emitted import run, sources
-from hostile import OUTPUTS, SPOILERS, Target, call_of, invert, target
-from hostile_client import SANITIZE, begin, bound, can_sanitize, statuses, text, update, whole_path
+from hostile import OUTPUTS, SPOILERS, Target, call_of, invert, parts_of, target
+from hostile_client import SANITIZE, all_bound, begin, bound, can_sanitize, statuses, text, update, whole_path
 from toolchain import CC, needs_compiler, tools
 
 from flexgen.codegen.spec import library_name
@@ -67,6 +67,12 @@ def corpus(one: Target, rounds: int) -> tuple[list[list[float]], list[int | None
                 numbers = rng.choice([1e-9, 1.0, 30.0, 1e9, np.inf, np.nan, -1.0], 2)
                 records.append(bound(*numbers, rng.choice([1e-300, 1e-3, 1.0, 1e7, np.nan]), one))
                 expected.append(None)
+            if k in (5, 12):
+                value = rng.choice([1e-300, 1e-9, 1.0, 30.0, 1e9, np.inf, np.nan, -1.0])
+                records.append(
+                    all_bound(value, rng.choice([1e-300, 1e-3, 1.0, np.nan]), int(rng.choice([2, 3, 21, 40])))
+                )
+                expected.append(None)
             given = [np.array(one.path[key][k]) for key in ("y", "dy", "ddy")]
             given[rng.integers(3)][0] *= rng.choice([1.0, 1.0, 1.0, np.nan, 1e3, 1e300])
             records.append(update(given))
@@ -97,7 +103,7 @@ def test_invalid_calls_under_sanitizers_report_nothing(made, name, rounds, files
     symbol = library_name(one.equations.model)
     folder, client, parts = one.directory, text(symbol), sources(one.directory)
     if files == "one":
-        options = {"amalgamate": True, "build": False, "parts": ["bvp"] * bool(one.equations.model.n_e)}
+        options = {"amalgamate": True, "build": False, "parts": parts_of(one.equations.model)}
         folder = generate(name, tmp_path / "merged", **options).directory
         client, parts = client.replace(f"{symbol}_inversion.h", f"{symbol}.h"), [folder / f"{symbol}.c"]
     (tmp_path / "client.c").write_text(client, encoding="ascii")

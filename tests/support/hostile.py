@@ -17,6 +17,7 @@ from flexgen.codegen.spec import library_name
 from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERSION
+from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.runtime import Library, load
@@ -65,11 +66,16 @@ class Target:
         return function
 
 
+def parts_of(model: RobotModel) -> list[str]:
+    """The optional parts of its library."""
+    return ["bvp"] * bool(model.n_e) + ["limits"]
+
+
 def target(model: Any, folder: FilePath, move: str | None = None, singular: int = -1) -> Target:
     """The target of a model; its library has the inversion, with bvp, and nothing else."""
     equations = derive(model)
     names = [name for name in INVERSION if name != "inversion_jacobians" or equations.model.n_e]
-    made = generate(model, folder, functions=names, parts=["bvp"] * bool(equations.model.n_e))
+    made = generate(model, folder, functions=names, parts=parts_of(equations.model))
     library = load(made.directory)
     path = Path(equations, equations.model.move(move))
     t = np.linspace(0.0, path.duration, SAMPLES)
@@ -239,6 +245,12 @@ class Streamed:
         given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (torque, speed)]
         largest = ctypes.c_double(deviation)
         return self.target.function("stream_limits")(ctypes.byref(self.handle), *map(pointer, given), largest)
+
+    def all_limits(self, deviation: float = 0.1, **members: Any) -> int:
+        """Members of the struct: arrays, numbers or None."""
+        given = struct_of(self.target.structs["inversion_limits"], **members)
+        call = self.target.function("stream_all_limits")
+        return call(ctypes.byref(self.handle), ctypes.byref(given), ctypes.c_double(deviation))
 
     @property
     def report(self) -> Any:

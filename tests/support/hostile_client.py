@@ -183,6 +183,48 @@ static int bound(void)
     return status;
 }
 
+/* All limits of the same value, and torque-speed curves of `points` points. */
+static int all_bound(void)
+{
+    const double value = next(), deviation = next();
+    const int points = (int)next();
+    double *each[6], *curve = room(2LL * NM * points);
+    const long long sizes[6] = {NM, NM, NM, NG, NG, NG};
+    double *deflection = room(@_NE);
+    @_inversion_limits limits = {0};
+    int status;
+    for (int k = 0; k < 6; ++k) {
+        each[k] = room(sizes[k]);
+        for (long long i = 0; i < sizes[k]; ++i) {
+            each[k][i] = value;
+        }
+    }
+    for (int i = 0; i < @_NE; ++i) {
+        deflection[i] = value;
+    }
+    for (int i = 0; i < NM * points; ++i) {
+        curve[2 * i] = 10.0 * (i % points);
+        curve[2 * i + 1] = value * (2.0 - i % points);
+    }
+    limits.torque_max = each[0];
+    limits.speed_max = each[1];
+    limits.torque_rate_max = each[2];
+    limits.gear_torque_max = each[3];
+    limits.joint_speed_max = each[4];
+    limits.joint_acceleration_max = each[5];
+    limits.deflection_max = deflection;
+    limits.tool_speed_max = limits.tool_acceleration_max = value;
+    limits.torque_speed = curve;
+    limits.torque_speed_points = points;
+    status = (int)@_stream_all_limits(&stream, &limits, deviation);
+    for (int k = 0; k < 6; ++k) {
+        clear(each[k]);
+    }
+    clear(deflection);
+    clear(curve);
+    return status;
+}
+
 int main(void)
 {
     for (;;) {
@@ -194,6 +236,7 @@ int main(void)
         case 3: printf("%d\n", begin()); break;
         case 4: printf("%d\n", update()); break;
         case 5: printf("%d\n", bound()); break;
+        case 6: printf("%d\n", all_bound()); break;
         default:
             for (int i = 0; i < 6 && memory != NULL; ++i) {
                 clear(results[i]);
@@ -245,6 +288,11 @@ def update(given: list[np.ndarray]) -> list[float]:
 def bound(torque: float, speed: float, deviation: float, one: Target) -> list[float]:
     """The same bounds for all motors."""
     return [5, *([torque] * one.sizes["n_m"]), *([speed] * one.sizes["n_m"]), deviation]
+
+
+def all_bound(value: float, deviation: float, points: int) -> list[float]:
+    """The same value for limits of all kinds, and curves of so many points."""
+    return [6, value, deviation, points]
 
 
 def statuses(command: list[str], records: list[list[float]], folder: Path) -> list[int]:
