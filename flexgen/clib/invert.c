@@ -622,8 +622,11 @@ static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int
 }
 
 model_status model_invert_many(const model_problems *problems, const model_samples *samples,
-    PARAMETERS_ARGUMENT const real *q_start, const model_inversion_options *options, model_motion *motion,
-    model_invert_info *info, model_status *statuses, real *work, int64_t work_size)
+#if MODEL_PARAMETERS > 0
+    const real *parameters,
+#endif
+    const real *q_start, const model_inversion_options *options, model_motion *motion, model_invert_info *info,
+    model_status *statuses, real *work, int64_t work_size)
 {
     const problem_arrays a = {problems, samples, GIVEN_PARAMETERS, q_start, options, motion, info, statuses};
     model_status first = MODEL_OK;

@@ -329,12 +329,12 @@ enum { POSITIONS = MODEL_POSE ? 3 : NY };
 /* Speed or acceleration of the tool at node k. */
 static inline real tool_rate(const real *s, const limits_layout *l, ptrdiff_t k, int order, real T)
 {
-    real square = 0.0;
+    real sum = 0.0;
     for (int j = 0; j < POSITIONS; ++j) {
         const real rate = output_rate(s, l, k, order, j, T);
-        square += rate * rate;
+        sum += rate * rate;
     }
-    return square_root(square);
+    return square_root(sum);
 }
 
 /*

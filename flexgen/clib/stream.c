@@ -721,8 +721,8 @@ COLD model_status model_stream_all_limits(
     set_bounds(limits->torque_max, NM, torque);
     set_bounds(limits->speed_max, NM, speed);
     for (int i = 0; i < NM && limits->torque_speed != NULL; ++i) {
-        const ptrdiff_t points = limits->torque_speed_points;
-        speed[i] = fmin_1(speed[i], limits->torque_speed[((i + 1) * points - 1) * 2]); /* the end of the curve */
+        const ptrdiff_t count = limits->torque_speed_points;
+        speed[i] = fmin_1(speed[i], limits->torque_speed[((i + 1) * count - 1) * 2]); /* the end of the curve */
     }
     status = model_stream_limits(given, torque, speed, deviation_max);
     if (status != MODEL_OK) {

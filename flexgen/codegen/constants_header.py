@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from flexgen.codegen.c_text import size_macro
 from flexgen.codegen.header import works
 from flexgen.codegen.motor_constants import MotorConstants
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
@@ -224,7 +225,7 @@ def _damping(spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Seq
 def _parameter_macros(spec: LibrarySpec) -> str:
     """How many run-time parameters there are, and how they become an argument of the functions."""
     count = len(spec.parameters)
-    argument = " const real *parameters," if count else ""
+    argument = f" const real parameters[{size_macro(spec, 'n_p')}]," if count else ""
     given = "parameters" if count else "no_parameters"
     passed = " parameters," if count else ""
     empty = "" if count else "static const real no_parameters[1] = {0};\n"

@@ -147,6 +147,36 @@ def test_the_sources_are_few_and_short():
     assert len(files) <= 40 and sum(path.stat().st_size for path in files) <= 450_000
 
 
+SERVO = """
+[servo]
+type = "cascade"
+position_gain = [30.0, 25.0]
+speed_gain = [1.5, 0.4]
+integral_gain = [6.0, 6.0]
+"""
+NOTCH, LOW_PASS = "notch = [{ frequency_hz = 60.0 }]\n", "low_pass = [{ frequency_hz = 400.0 }]\n"
+
+
+@pytest.mark.parametrize(
+    ("parts", "precision", "parameters", "filters"),
+    [
+        (["bvp", "limits", "force", "position"], "double", ["payload"], NOTCH + LOW_PASS),
+        (["position"], "double", [], NOTCH),
+        (["position", "force"], "double", [], LOW_PASS),
+        (["limits"], "double", [], ""),
+        (["limits", "force"], "single", ["payload", "damping"], ""),
+    ],
+)
+def test_libraries_with_optional_parts_compile_without_a_warning(parts, precision, parameters, filters, tmp_path):
+    file = tmp_path / "robot.toml"
+    file.write_text(Path(read("planar5_nmp").file).read_text() + SERVO + filters)
+    options = {"parts": parts, "precision": precision, "parameters": parameters, "build": False}
+    folder = generate(file, tmp_path / "library", **options).directory
+    words = [*STRICT, "-Wshadow", "-Wdouble-promotion", "-fsyntax-only", f"-I{folder}"]
+    for source in sources(folder):
+        run(CC, *words, source, folder=tmp_path)
+
+
 def test_only_the_headers_symbols_are_exported():
     folder = made("planar5_nmp").directory
     library = next(path for path in folder.iterdir() if path.suffix in (".so", ".dylib"))

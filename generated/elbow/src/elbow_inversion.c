@@ -381,8 +381,8 @@ static void invert_problem(const problem_arrays *a, ptrdiff_t k, real *work, int
 }
 
 elbow_status elbow_invert_many(const elbow_problems *problems, const elbow_samples *samples,
-    PARAMETERS_ARGUMENT const real *q_start, const elbow_inversion_options *options, elbow_motion *motion,
-    elbow_invert_info *info, elbow_status *statuses, real *work, int64_t work_size)
+    const real *q_start, const elbow_inversion_options *options, elbow_motion *motion, elbow_invert_info *info,
+    elbow_status *statuses, real *work, int64_t work_size)
 {
     const problem_arrays a = {problems, samples, GIVEN_PARAMETERS, q_start, options, motion, info, statuses};
     elbow_status first = ELBOW_OK;
