@@ -119,7 +119,7 @@ STATUSES = (
     Status(
         "TOLERANCE_NOT_MET",
         1,
-        "residual, kinematic mismatch or torque step above its tolerance (see the info): use a shorter period",
+        "residual, mismatch, torque step or torque error above its tolerance (see the info): use a shorter period",
     ),
     Status(
         "LIMITS_ACTIVE",

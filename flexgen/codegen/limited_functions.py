@@ -20,7 +20,7 @@ LIMITED_FUNCTIONS = (
     CFunction(
         "invert_limited",
         "invert_limited.c",
-        "Inverse dynamics along a whole path within limits of motor torques, motor speeds and deflections.",
+        "Inverse dynamics along a whole path within limits of motors, gears, deflections, joints and tool.",
         "Where the path itself keeps the limits, it is inverted as by invert (OK). Else the path is modified as little "
         "as possible: quadratic programs find a smooth deviation, and the modified path is inverted again until the "
         "limits are kept within 1e-3 of their values (LIMITS_ACTIVE, with the largest deviation in the info). The "

@@ -112,7 +112,8 @@ _FUNCTIONS = (
     Row(
         "sensors",
         "Signals of the sensors of the model, in the order of the file, without noise.",
-        "accelerometer: axes' R' (p'' - gravity),  gyro: axes' omega,  link encoder: q_a,  tracker: axes' p",
+        "accelerometer: axes' R' (p'' - gravity),  gyro: axes' omega,  link encoder: q_a,  tracker: axes' p,  "
+        "joint torque: (M a_a + c + g - f)_i,  wrench: of what is behind it,  strain: gauge q_e + offset",
         "q_a v_a a_a",
         "y_s",
     ),

@@ -80,7 +80,7 @@ typedef enum {
     ELBOW_HORIZON_TOO_SHORT = -13,
     /* the limits cannot be kept; increase them, slow down the path or give the motion more time */
     ELBOW_LIMITS_INFEASIBLE = -14,
-    /* residual, kinematic mismatch or torque step above its tolerance (see the info): use a shorter period */
+    /* residual, mismatch, torque step or torque error above its tolerance (see the info): use a shorter period */
     ELBOW_TOLERANCE_NOT_MET = 1,
     /* the limits move the output away from its path, or are exceeded; the info says how far */
     ELBOW_LIMITS_ACTIVE = 2

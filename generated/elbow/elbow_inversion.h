@@ -454,7 +454,7 @@ int64_t elbow_invert_limited_work(int n, const elbow_inversion_options *options,
     const elbow_inversion_limits *limits);
 
 /*
- * Inverse dynamics along a whole path within limits of motor torques, motor speeds and deflections.
+ * Inverse dynamics along a whole path within limits of motors, gears, deflections, joints and tool.
  *
  * Where the path itself keeps the limits, it is inverted as by invert (OK). Else the path is modified as little as
  * possible: quadratic programs find a smooth deviation, and the modified path is inverted again until the limits are

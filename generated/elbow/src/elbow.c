@@ -40,7 +40,7 @@ const char *elbow_status_text(elbow_status status)
     case ELBOW_LIMITS_INFEASIBLE:
         return "the limits cannot be kept; increase them, slow down the path or give the motion more time";
     case ELBOW_TOLERANCE_NOT_MET:
-        return "residual, kinematic mismatch or torque step above its tolerance (see the info): use a shorter period";
+        return "residual, mismatch, torque step or torque error above its tolerance (see the info): use a shorter period";
     case ELBOW_LIMITS_ACTIVE:
         return "the limits move the output away from its path, or are exceeded; the info says how far";
     default:
