@@ -45,14 +45,11 @@ class ArmLinearization:
 
         SolverError where the output does not determine the actuated coordinates.
         """
-        i_g, i_e = list(self.model.i_g), list(self.model.i_e)
-        S = np.zeros((len(self.M), self.model.n_a, self.model.n_e))
-        S[:, i_e, np.arange(len(i_e))] = 1.0
         try:
-            S[:, i_g] = -np.linalg.solve(self.W_g, self.W[:, :, i_e])
+            S = held_motions(self.model, self.W)
         except np.linalg.LinAlgError:
             raise SolverError("the output does not determine the actuated coordinates: a singular pose") from None
-        A, D, K = (X[:, i_e] @ S for X in (self.M, self.D, self.K))
+        A, D, K = (X[:, list(self.model.i_e)] @ S for X in (self.M, self.D, self.K))
         return A, D, K
 
     def relative_inertia(self) -> np.ndarray:
@@ -61,6 +58,18 @@ class ArmLinearization:
         L = np.linalg.cholesky(self.M[:, i_e][:, :, i_e])
         half = np.linalg.solve(L, self.inner()[0])
         return np.linalg.solve(L, half.transpose(0, 2, 1)).transpose(0, 2, 1)
+
+
+def held_motions(model: RobotModel, W: np.ndarray) -> np.ndarray:
+    """Motions (..., n_a, n_e) of the arm with each of q_e that hold the output: ``q_e = 1, q_g = -W_g^-1 W_e q_e``.
+
+    ``W`` (..., n_y, n_a): rates of the output. LinAlgError where ``W_g`` is singular.
+    """
+    i_g, i_e = list(model.i_g), list(model.i_e)
+    S = np.zeros((*W.shape[:-2], model.n_a, model.n_e))
+    S[..., i_e, np.arange(model.n_e)] = 1.0
+    S[..., i_g, :] = -np.linalg.solve(W[..., i_g], W[..., i_e])
+    return S
 
 
 def arm_linearization(equations: Equations, q: np.ndarray) -> ArmLinearization:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.analysis.arm_linearization import held_motions
 from flexgen.analysis.linear import LinearModel, sort_roots
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
@@ -95,12 +96,8 @@ def _invariant_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray)
 def inner_pencil(equations: Equations, linear: LinearModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``A, D, K`` (n_e, n_e) of the non-actuated rows with the output fixed: the zero dynamics at a pose."""
     model = equations.model
-    i_g, i_e = list(model.i_g), list(model.i_e)
-    S = np.zeros((model.n_a, model.n_e))
-    S[i_e, np.arange(model.n_e)] = 1.0
-    S[i_g] = -np.linalg.solve(linear.W[:, i_g], linear.W[:, i_e])
-    n_a = model.n_a
-    A, D, K = (X[i_e][:, :n_a] @ S for X in (linear.M, linear.D, linear.K))
+    S = held_motions(model, linear.W)
+    A, D, K = (X[list(model.i_e)][:, : model.n_a] @ S for X in (linear.M, linear.D, linear.K))
     return A, D, K
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from flexgen.analysis.arm_linearization import held_motions
 from flexgen.analysis.zeros import PREVIEW_SHARE, pencil_zeros, preview, time_constants
 from flexgen.codegen.interface import INTERVALS_MAX
 from flexgen.codegen.spec import LibrarySpec, StreamDefaults
@@ -73,10 +74,7 @@ def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:
     W = constraint(q, rest, np.zeros(model.output.target_size))[1][0].reshape(-1, model.n_a)
     if np.linalg.svd(W[:, i_g], compute_uv=False)[-1] < _SINGULAR:
         return None
-    S = np.zeros((model.n_a, model.n_e))
-    S[i_e] = np.eye(model.n_e)
-    S[i_g] = -np.linalg.solve(W[:, i_g], W[:, i_e])
-    A, D, K = (x.reshape(model.n_e, model.n_a) @ S for x in (by_a, by_v, by_q))
+    A, D, K = (x.reshape(model.n_e, model.n_a) @ held_motions(model, W) for x in (by_a, by_v, by_q))
     zeros = pencil_zeros(A, D, K)
     if zeros is None:
         return None
