@@ -17,18 +17,20 @@ from flexgen.calibration import frames
 from flexgen.calibration.statics import Numbers, Statics
 from flexgen.calibration.tree import Tree
 from flexgen.codegen.spec import StreamDefaults
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.exports.fmu.feedforward import _at_samples, _with
 from flexgen.gears.result import GearFit, GearStatus, Number
 from flexgen.inverse_kinematics.search import kinematics
 from flexgen.inversion import settling
 from flexgen.inversion.methods.collocation import _smooth_by_spline
+from flexgen.mechanics import motor_harmonics
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.limits import Limits
 from flexgen.paths.time_laws import Clock
 from flexgen.performance import learn
-from flexgen.planning import model_limits
+from flexgen.planning import model_limits, result, start
 from flexgen.servo.identify import LONGEST_STEP, _change
+from flexgen.spec.fourier import FourierSum
 
 
 # --- options and laws -------------------------------------------------------------------------------------------------
@@ -259,6 +261,119 @@ def test_torques_of_a_plan_keep_their_curves() -> None:
         for sign in (1, -1):
             assert float(ca.mmax(f(sign * 0.9 * most, speed))) == pytest.approx(0.0, abs=1e-9)
             assert float(ca.mmax(f(sign * 0.91 * most, speed))) > 0.0
+
+
+def row(name: str, value: Any, low: float, high: float, slack: float | None = None) -> Any:
+    """A row of a plan, or a bound: its value is that of symbols."""
+    return SimpleNamespace(name=name, value=value, lower=np.array([low]), upper=np.array([high]), slack=slack)
+
+
+def test_rows_of_a_plan_hold_where_the_arm_rests() -> None:
+    """Speeds are zero there, unknown symbols are left out, and a millionth of a value is forgiven."""
+    y, dy, free = ca.SX.sym("y", 3), ca.SX.sym("dy", 3), ca.SX.sym("free")
+    rows: dict[str, list[Any]] = {"path": [], "start": [], "end": []}
+    phase: Any = SimpleNamespace(signals=SimpleNamespace(y=y, dy=dy), content=SimpleNamespace(rows=rows, bands={}))
+    at = np.array([2.0, 3.0])
+    rows["path"] = [row("sum", y[0] + y[1] + 7 * dy[0], -np.inf, 5.0), row("unknown", free, 1.0, 2.0)]
+    rows["end"] = [row("far", y[0], 9.0, 10.0)]
+    start.check_rest(phase, at, "start")
+    start.check_rest(phase, at + np.array([0.0, 4e-6]), "start")
+    with pytest.raises(
+        SolverError, match=r"^plan: 'sum' is violated by 6e-06 at the start, where the arm is at rest; ch"
+    ):
+        start.check_rest(phase, at + np.array([0.0, 6e-6]), "start")
+    with pytest.raises(SolverError, match=r"^plan: 'far' is violated by 7 at the end, where the arm is at rest"):
+        start.check_rest(phase, at, "end")
+    phase.content.bands = {"q": row("q", y[1], 3.5, 4.0)}
+    with pytest.raises(SolverError, match=r"^plan: 'bound of q' is violated by 0\.5 at the start"):
+        start.check_rest(phase, at, "start")
+    phase.content.bands = {}
+    rows["path"] = [row("path", y[2], -1.0, 0.25)]  # the path parameter
+    start.check_rest(phase, at, "start", 0.25)
+    with pytest.raises(SolverError, match=r"^plan: 'path' is violated by 0\.25 at the start"):
+        start.check_rest(phase, at, "start", 0.5)
+    rows["path"] = [row("root", ca.sqrt(y[0] - 3.0), 0.0, 1.0)]
+    with pytest.raises(
+        ArgumentError, match=r"^plan: 'root' is NaN or infinite at the start, expected a finite number$"
+    ):
+        start.check_rest(phase, at, "start")
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What a check of a plan changes."""
+
+    status: Any = None
+    warnings: tuple[str, ...] = ()
+
+
+def test_rows_of_a_plan_are_checked_between_its_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An excess of a hundredth of a bound, a thousandth of the range, or what is too small to matter is forgiven."""
+    y, dy, ddy, tau, t = (ca.SX.sym(x) for x in ("y", "dy", "ddy", "tau", "t"))
+    reference, duration = ca.SX.sym("reference", 2), ca.SX.sym("T")
+    rows: dict[str, list[Any]] = {"path": []}
+    mesh = SimpleNamespace(N=2, nodes=np.array([0.0, 0.5, 1.0]), h=np.array([0.5, 0.5]))
+    signals = SimpleNamespace(symbols=[y, dy, ddy, tau, t, reference], reference=reference)
+    phase = SimpleNamespace(
+        content=SimpleNamespace(rows=rows, bands={}), mesh=mesh, signals=signals, duration=duration, number=0
+    )
+    monkeypatch.setattr(result, "_between", lambda phase, theta: np.array([0.25, 0.75]))
+    layout: Any = SimpleNamespace(phases=[phase], parameters=[])
+    seen = []
+
+    def at_of(phase: Any) -> Any:
+        return lambda sigma: seen.append(sigma) or np.column_stack([sigma, -sigma])
+
+    problem: Any = SimpleNamespace(reference_at=at_of)
+    path = np.array([[0.0], [1.0], [2.01], [1.0]])
+    zero = np.zeros((4, 1))
+    at: Any = SimpleNamespace(y=path, dy=zero, ddy=zero, tau=zero, t=np.arange(4.0), theta=np.array([2.0]))
+    made: Any = SimpleNamespace(names=["a", "a", "b"], scale=np.array([1e-3, 1e-5, 1.0]))
+
+    def warnings(*given: Any) -> tuple[str, ...]:
+        rows["path"] = list(given)
+        found: Any = result._check_bounds(problem, layout, made, at, Planned())  # type: ignore[arg-type]
+        assert (found.status == flexgen.Status.TOLERANCE_NOT_MET) == bool(found.warnings)
+        return tuple(text.partition("; take a finer mesh or a margin")[0] for text in found.warnings)
+
+    inf = np.inf
+    assert warnings(row("y", y, -inf, 2.0)) == () and warnings(row("y", y, -inf, 2.001 - 0.02)) == (
+        "'y' is violated by 0.029 between the collocation points",
+    )
+    assert warnings(row("z", y, -inf, 0.0)) == ("'z' is violated by 2.01 between the collocation points",)
+    assert warnings(row("z", y, 0.0, inf)) == () and warnings(row("z", y, 1e-3, inf)) == ()  # of the range
+    assert warnings(row("z", y - 2e-1, -0.1, inf)) == ("'z' is violated by 0.1 between the collocation points",)
+    assert warnings(row("a", 0.05 * y, -inf, 1e-2)) == () != warnings(row("b", 0.05 * y, -inf, 1e-2))
+    assert warnings(row("s", y, -inf, 2.0, 0.005)) == ("'s' is violated by 0.01 between the collocation points",)
+    assert warnings(row("s", y, -inf, 2.0, 0.03)) == () and not seen
+    assert warnings(row("r", y - 2 * reference[0] - 0 * reference[1], -inf, 1.0)) == ()
+    assert_allclose(seen[0], [0.125, 0.375, 0.625, 0.875])
+    phase.content.bands = {"q": row("q", y, -inf, 1.5)}
+    assert warnings() == ("'bound of q' is violated by 0.51 between the collocation points",)
+    assert warnings(row("n", ca.sqrt(y - 1.0), -inf, inf)) == warnings()
+    both = row("two", ca.vertcat(y, 2 * y), -inf, inf)
+    both.lower, both.upper = np.array([-inf, -inf]), np.array([1.9, 100.0])
+    assert warnings(both)[0] == "'two' is violated by 0.11 between the collocation points"
+
+
+def test_steps_to_a_motor_angle_are_as_many_as_its_bound_needs() -> None:
+    """Fixed points until Newton's method halves at least; then the error is squared until it is below rounding."""
+    for size, harmonic in ((1e-6, 3), (0.02, 5), (0.1, 4), (1e-3, 40)):
+        error = FourierSum((harmonic,), (size,), (0.0,))
+        slope, bend = size * harmonic, size * harmonic**2
+        curvature, left, fixed = bend / (2 * (1 - slope)), size * slope, 1
+        while curvature * left > 0.5:
+            left, fixed = slope * left, fixed + 1
+        newton = 0
+        while left > 1e-17:
+            left, newton = curvature * left**2, newton + 1
+        assert motor_harmonics._steps(error, 1.0) == (fixed, newton)
+        assert motor_harmonics._steps(FourierSum((harmonic,), (0.0,), (-size / 3,)), -3.0) == (fixed, newton)
+        q = 0.7
+        for step in range(fixed + newton):
+            value, rate = size * np.cos(harmonic * q), -size * harmonic * np.sin(harmonic * q)
+            q = 0.7 + value if step < fixed else q - (q - value - 0.7) / (1 - rate)
+        assert abs(q - size * np.cos(harmonic * q) - 0.7) < 5e-16
 
 
 # --- results ----------------------------------------------------------------------------------------------------------

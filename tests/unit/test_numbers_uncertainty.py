@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import flexgen
+from flexgen.errors import ArgumentError
 from flexgen.mechanics.parameters import with_values
 from flexgen.uncertainty import prediction, response
 from flexgen.uncertainty.bristle_states import Bristles, bristles_of
@@ -241,6 +243,26 @@ def test_sources_of_a_table_have_its_numbers_and_correlations() -> None:
     owners = {p.name: found.names[i] for p, i in zip(found.parameters, found.owner, strict=True)}
     assert owners["upper.inertia_yy"] == "upper.mass" and owners["payload.mass"] == "payload.mass"
     assert "upper.com_x" not in owners and "delay" not in owners
+
+
+def test_a_correlation_that_none_has_is_refused() -> None:
+    """Given in Python; rounding is forgiven."""
+    pair = {"parameters": ["q1.stiffness", "q2.stiffness", "m1.inertia"], "sd": [0.1, 0.2, 0.1]}
+    model = flexgen.read("elbow", overrides={"uncertainty": {**pair, "correlation": np.eye(3).ravel().tolist()}})
+    assert model.uncertainty is not None
+
+    def given(x: float) -> Sources:
+        correlation = (1.0, x, 0.0, x, 1.0, 0.0, 0.0, 0.0, 1.0)
+        return sources_of(model, replace(model.uncertainty, correlation=correlation))
+
+    with pytest.raises(
+        ArgumentError, match=r"^uncertainty, correlation: given a matrix with the eigenvalue -0\.25, exp"
+    ):
+        given(1.25)
+    found = given(1.0 + 1e-10)
+    assert_allclose((found.root @ found.root.T)[:2, :2], 1.0, rtol=1e-8)
+    with pytest.raises(ArgumentError, match="eigenvalue -1e-08"):
+        given(1.0 + 1e-8)
 
 
 def test_states_of_a_robot_are_sources() -> None:
