@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hysteretic import SLIPS, with_elements
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -14,7 +15,9 @@ from scipy.spatial.transform import Rotation
 import flexgen
 from flexgen.errors import ModelError
 from flexgen.exports import mujoco, mujoco_inertia, urdf
+from flexgen.exports.fmu import plant
 from flexgen.identification import motion_fit
+from flexgen.mechanics.equations import derive
 
 
 @pytest.mark.parametrize(
@@ -82,10 +85,30 @@ def test_names_that_urdf_cannot_have_are_named_with_their_table(monkeypatch: pyt
     model = flexgen.read("elbow")
     for name, key in (("upper", "element.name"), ("q2", "dof.name"), ("m2", "motor.name")):
         monkeypatch.setattr(urdf, "identifier_problem", lambda given, name=name: "another" if given == name else "")
-        with pytest.raises(ModelError, match=rf"{key}: given .*{name}.*, expected another"):
+        with pytest.raises(ModelError, match=rf"{key}: given .*{name}.*, expected another") as caught:
             urdf._steps(model)
+        assert (caught.value.line, caught.value.key) == (0, key)
     monkeypatch.setattr(urdf, "identifier_problem", lambda given: "")
     assert [step.dof.name for step in urdf._steps(model) if step.dof is not None] == ["q1", "q2"]
+
+
+@pytest.mark.parametrize("elements", [SLIPS[:1], SLIPS])
+def test_states_of_a_plant_are_numbered_one_after_the_other(elements: Any) -> None:
+    """Coordinates, their speeds, then the torques of the elements of hysteresis; each has a derivative."""
+    model = with_elements("elbow", elements)
+    equations = derive(model, ("payload",))
+    found = plant._states(model, plant._graphs(equations), np.arange(20.0))
+    states = [v for v in found if not v.name.startswith("der(")]
+    rates = [v for v in found if v.name.startswith("der(")]
+    assert [v.index for v in states] == list(range(8 + 2 * len(elements))) == [v.index for v in rates]
+    names = ["arm.q1.position", "arm.q2.position", "rotor.m1.angle", "rotor.m2.angle"]
+    assert [v.name for v in states[:4]] == names and [v.start for v in states[:4]] == [0.0, 1.0, 2.0, 3.0]
+    speeds = ["arm.q1.speed", "arm.q2.speed", "rotor.m1.speed", "rotor.m2.speed"]
+    assert [v.name for v in states[4:8]] == speeds
+    number = ["[1]", "[2]", "[3]"] if len(elements) > 1 else [""]
+    assert [v.name for v in states[8:]] == [f"gear.{q}.hysteresis{k}" for k in number for q in ("q1", "q2")]
+    assert [v.name for v in rates] == [f"der({v.name})" for v in states]
+    assert [v.unit for v in rates[3:5]] == ["rad/s", "rad/s2"] and rates[8].unit == "N.m/s"
 
 
 # --- fits of motions --------------------------------------------------------------------------------------------------

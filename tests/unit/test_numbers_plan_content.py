@@ -15,6 +15,7 @@ import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.planning import result
 from flexgen.planning.blocks import Block, check_finite, program
+from flexgen.planning.nodal import general_part
 from flexgen.planning.transcribe import Layout
 
 
@@ -211,6 +212,34 @@ def test_costs_and_rows_outside_of_blocks() -> None:
     assert curves[4, 4] == pytest.approx(10 * scale[4] ** 2 / steep) and curves[0, 4] == pytest.approx(
         2 * scale[0] * scale[4]
     )
+
+
+def test_costs_and_rows_of_the_nodes_are_functions_of_the_unknowns() -> None:
+    """Of two phases, whose times count on; costs are added, rows keep their order and bounds."""
+    problem = planar()
+    later = problem.then(0.5, mesh=[0.0, 0.4, 1.0])
+    problem.add_cost(problem.nodes("q_a")[0, 1] ** 2)
+    later.subject_to(later.nodes("time")[2] - problem.nodes("q_a")[1, 0], -1.0, 2.0, name="late")
+    later.add_cost(3.0 * later.nodes("tau_m")[1, 2])
+    problem.subject_to(ca.vec(problem.nodes("v_a")[:2, 3]), None, 5.0, name="fast")
+    layout = Layout(tuple(problem.phases), ())
+    T = np.array([1.7, 0.6])
+    rng = np.random.default_rng(5)
+    states = [rng.standard_normal((p.mesh.N + 1, 2 * p.mesh.n)) for p in problem.phases]
+    inner = [rng.standard_normal((p.mesh.N, p.mesh.s, p.mesh.n)) for p in problem.phases]
+    tau = [rng.standard_normal((p.mesh.N, p.mesh.s, 2)) for p in problem.phases]
+    packed = [p.mesh.pack(a, b, c) for p, a, b, c in zip(problem.phases, states, inner, tau, strict=True)]
+    x = np.concatenate([*packed, T])
+    nodal = [item for phase in problem.phases for item in phase.content.nodal]
+    general, (low, high, names) = general_part(layout, nodal)
+    symbol = ca.MX.sym("x", layout.size)
+    cost, g = (np.array(v).ravel() for v in ca.Function("f", [symbol], list(general(symbol)))(x))
+    n = problem.mesh.n
+    assert cost[0] == pytest.approx(states[0][1, 0] ** 2 + 3.0 * tau[1].reshape(-1, 2)[2, 1])
+    speeds = states[0][3, n : n + 2] / T[0]
+    assert_allclose(g, [*speeds, T.sum() - states[0][0, 1]])
+    assert names == ["fast", "fast", "late"] and low.tolist() == [-np.inf, -np.inf, -1.0]
+    assert high.tolist() == [5.0, 5.0, 2.0]
 
 
 def test_what_is_not_finite_is_named() -> None:
