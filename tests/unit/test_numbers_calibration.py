@@ -1,0 +1,133 @@
+"""Statics of a calibration by other routes: slopes by differences, loads and rests by the potential energy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+import flexgen
+from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
+from flexgen.calibration.statics import Numbers, Statics, frame_rotation, frame_slopes
+from flexgen.calibration.tree import Tree, rotations
+from flexgen.errors import SolverError
+from flexgen.mechanics.equations import derive
+
+NAMES = ("elbow", "manutec_r3")
+
+
+def robot(name: str) -> flexgen.RobotModel:
+    """With trackers at the tool, on the first moving element, and on the base, and a payload."""
+    model = flexgen.read(name)
+    first = model.elements[0].name
+    trackers: list[dict[str, Any]] = [
+        {"name": "t", "type": "tracker", "unit": "m", "position": [0.05, 0.02, 0.1]},
+        {"name": "u", "type": "tracker", "unit": "m", "element": first, "position": [0.1, 0.0, 0.05]},
+    ]
+    payload = {"payload": {"mass": 4.0}} if name == "elbow" else {}
+    return flexgen.read(name, overrides={"sensor": trackers, **payload})
+
+
+def case(name: str, seed: int = 1) -> tuple[Statics, Numbers, list[Any], np.ndarray]:
+    """Four poses, all groups of numbers free, away from the model file."""
+    model = robot(name)
+    tree, rng = Tree(model), np.random.default_rng(seed)
+    groups = tuple(GROUPS)
+    unknowns = unknowns_of(tree, groups, (), Priors())
+    x = np.array([u.start + 0.02 * rng.standard_normal() * (abs(u.start) or 0.1) for u in unknowns])
+    statics = Statics(tree, rng.uniform(-1.0, 1.0, (4, model.n_g)))
+    return statics, Numbers.of(tree, unknowns, x), unknowns, x
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_slopes_of_all_numbers_are_differences(name: str) -> None:
+    statics, numbers, unknowns, x = case(name)
+    rest = statics.rest(numbers)
+    found = statics.slopes(numbers, rest, unknowns)
+    assert found.shape == (4, 2, 3, len(unknowns)) and {u.kind for u in unknowns} >= {"node", "frame", "tracker"}
+    for k, unknown in enumerate(unknowns):
+        h = {"node": 1e-6, "frame": 1e-6, "tracker": 1e-6, "center": 1e-3}.get(unknown.kind, 1e-3 * abs(x[k]))
+        more, less = (
+            statics.rest(Numbers.of(statics.tree, unknowns, x + s * h * (np.arange(len(x)) == k))).measured
+            for s in (1.0, -1.0)
+        )
+        size = np.abs(found[..., k]).max() + 1e-9
+        assert_allclose(
+            found[..., k], (more - less) / (2 * h), rtol=1e-4, atol=1e-5 * size + 1e-12, err_msg=unknown.name
+        )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_rest_balances_springs_and_gravity(name: str) -> None:
+    """Of the model itself: deflections times stiffness are the gradient of the potential energy of its equations."""
+    model = robot(name)
+    tree = Tree(model)
+    commands = np.random.default_rng(3).uniform(-1.0, 1.0, (5, model.n_g))
+    statics = Statics(tree, commands)
+    numbers = Numbers.of(tree)
+    rest = statics.rest(numbers)
+    assert_allclose(rest.deflection, rest.load * numbers.compliances, atol=1e-9)
+    gravity = derive(model).function("gravity")
+    names = [c.name for c in model.coordinates]
+    for k in range(5):
+        q = np.array([rest.q[k, tree.index[x]] for x in names])
+        g = np.array(gravity(q)).ravel()
+        for e, coordinate in enumerate(tree.elastic):
+            i = names.index(coordinate)
+            assert rest.load[k, e] == pytest.approx(-g[i], rel=1e-9, abs=1e-9)
+    place = derive(model).function("forward_kinematics")
+    expected = [place(np.array([rest.q[k, tree.index[x]] for x in names])) for k in range(5)]
+    tip = np.array([[0.05, 0.02, 0.1]])
+    points = [np.array(p).ravel() + np.array(R) @ tip[0] for p, R in expected]
+    assert_allclose(rest.points[:, 0], points, atol=1e-9)
+    rigid = statics.rest(numbers, rigid=True)
+    assert not rigid.deflection.any() and rigid.loads is None
+    assert_allclose(rigid.q[:, statics.actuated], commands)
+    soft = replace(numbers, compliances=1e3 * numbers.compliances * np.ones(len(tree.elastic)))
+    if name == "elbow":
+        with pytest.raises(SolverError, match=r"^calibration: (a pose has )?no static equilibrium"):
+            statics.rest(replace(soft, compliances=0 * soft.compliances + 1.0))
+    again = statics.rest(numbers, rest.deflection)
+    assert_allclose(again.q, rest.q, atol=1e-12)
+    part = statics.among(np.array([3, 1])).rest(numbers)
+    assert_allclose(part.measured, rest.measured[[3, 1]], atol=1e-9)
+
+
+def test_frames_of_a_measurement_turn_about_x_y_z() -> None:
+    frame = np.array([1.0, 2.0, 3.0, 0.3, -0.5, 0.8])
+    assert_allclose(frame_rotation(frame), Rotation.from_euler("XYZ", frame[3:]).as_matrix(), atol=1e-14)
+    h = 1e-6
+    for k, slope in enumerate(frame_slopes(frame)):
+        e = h * (np.arange(6) == 3 + k)
+        assert_allclose(slope, (frame_rotation(frame + e) - frame_rotation(frame - e)) / (2 * h), atol=1e-9)
+    axis = np.array([0.6, 0.0, 0.8])
+    found = rotations(axis, np.array([0.4, -1.2]))
+    assert_allclose(found, [Rotation.from_rotvec(a * axis).as_matrix() for a in (0.4, -1.2)], atol=1e-14)
+
+
+def test_a_point_of_a_frame_moves_with_the_nodes_before_it() -> None:
+    """Rotations and translations, the first node included; a point of the base does not move."""
+    tree = Tree(robot("elbow"))
+    q = 0.1 * np.random.default_rng(2).standard_normal((3, len(tree.nodes)))
+    at, h = tree.posture(q), 1e-6
+    place = np.array([0.1, -0.2, 0.3])
+    for mount in (tree.tool, tree.tip("upper"), tree.tip("base")):
+        point = tree.point(at, mount, place)
+        slopes = tree.point_slopes(at, mount, point)
+        for k in range(len(tree.nodes)):
+            e = h * (np.arange(len(tree.nodes)) == k)
+            change = (tree.point(tree.posture(q + e), mount, place) - tree.point(tree.posture(q - e), mount, place)) / (
+                2 * h
+            )
+            assert_allclose(slopes[:, :, k], change, atol=1e-8)
+    first = tree._add("more", tree.tip("base"), np.array([0.0, 0.0, 1.0]), False)
+    other = Tree(robot("elbow"))
+    mount = replace(first, node=0)
+    slopes = other.point_slopes(other.posture(q), mount, other.point(other.posture(q), mount, place))
+    assert slopes[:, :, 0].any() and not slopes[:, :, 1:].any()
+    n = len(other.nodes)
+    assert other.carries[0].all() and other.carries[:, 0].sum() == 1 and np.trace(other.carries) == n
