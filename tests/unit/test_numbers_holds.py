@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.simulation import hold
+from flexgen.simulation import hold, simulate
 from flexgen.simulation.hold import TorqueCommand, command_in, hold_torque
 
 H = 4e-3
@@ -166,3 +167,36 @@ def test_momenta_and_driving_torques_of_a_record() -> None:
     with pytest.raises(ArgumentError, match=r"^bandwidth_hz: given 100\.0, expected more than 0, below 100$"):
         flexgen.CollisionDetector(model, sample_s=1e-3, bandwidth_hz=100.0)
     assert "samples of 1 ms, bandwidth " in repr(detector)
+
+
+# --- inputs of a simulation -------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("feedback", [None, "feedback"])
+def test_inputs_of_a_simulation_are_torques_references_and_forces(feedback: Any, force: bool) -> None:
+    """Splines through the samples, then constant; without feedback the references are zero where a force is given."""
+    t = np.linspace(0.0, 1.0, 21)
+    tau, q_m = smooth(t), np.stack([t**3, 1 - t**2], axis=-1)
+    pushed = np.stack([np.sin(t), 0 * t, t**2, 0 * t, 0 * t, np.cos(t)], axis=-1)
+    after = 3  # rows that are held after the end of the motion
+
+    def extended(x: np.ndarray) -> np.ndarray:
+        return np.vstack([x, np.tile(x[-1], (after, 1))])
+
+    given = {"tau_m": extended(tau), "q_m": extended(q_m)} | ({"force": extended(pushed)} if force else {})
+    task: Any = SimpleNamespace(data=SimpleNamespace(time=t, meta={}), given=given, command=None)
+    made = simulate._input(task, feedback)
+    for at in (0.1234, 0.5, 0.987, 1.5):
+        found = made(at - 1e-3, at + 1e-3)(np.array([at]))[0]
+        inside = min(at, 1.0)
+        curve = make_interp_spline(t, tau, k=5)
+        expected = [*(tau[-1] if at > 1 else curve(inside))]
+        if feedback is None and not force:
+            assert len(found) == 2
+        elif feedback is None:
+            expected += [0.0] * 4
+        else:
+            angles = make_interp_spline(t, q_m, k=5)
+            expected += [*angles(inside), *(angles(inside, 1) if at < 1 else np.zeros(2))]
+        if force:
+            expected += [*make_interp_spline(t, pushed, k=5)(inside)]
+        assert_allclose(found, expected, atol=1e-9)
