@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,11 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import flexgen
+from flexgen.calibration import calibrate, mistakes
 from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
 from flexgen.calibration.statics import Numbers, Statics, frame_rotation, frame_slopes
 from flexgen.calibration.tree import Tree, rotations
-from flexgen.errors import SolverError
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
 
 NAMES = ("elbow", "manutec_r3")
@@ -131,3 +133,114 @@ def test_a_point_of_a_frame_moves_with_the_nodes_before_it() -> None:
     assert slopes[:, :, 0].any() and not slopes[:, :, 1:].any()
     n = len(other.nodes)
     assert other.carries[0].all() and other.carries[:, 0].sum() == 1 and np.trace(other.carries) == n
+
+
+# --- what a user reads ------------------------------------------------------------------------------------------------
+def test_poses_that_do_not_fit_the_model_are_refused() -> None:
+    arm: Any = SimpleNamespace(n_g=2, name="arm")
+
+    def check(
+        count: int = calibrate.FEWEST, joints: int = 2, trackers: int = 1, folds: int = 5, lost: bool = False
+    ) -> None:
+        positions = np.full((count, trackers, 3), np.nan if lost else 1.0)
+        poses: Any = Poses(np.zeros((count, joints)), positions)
+        calibrate._check(arm, poses, 1, folds)
+
+    fewest = calibrate.FEWEST
+    check()
+    check(folds=0)
+    check(folds=2)
+    check(folds=fewest)
+    advice = "expected 2 and 1, those of model arm"
+    for more, words in (
+        ({"joints": 3}, f"poses: given 3 joints and 1 trackers, {advice}"),
+        ({"trackers": 2}, f"poses: given 2 joints and 2 trackers, {advice}"),
+        ({"count": fewest - 1}, f"poses: given {fewest - 1}, expected at least {fewest}"),
+        ({"folds": 1}, f"folds: given 1, expected 0, or 2 to {fewest}, the number of poses"),
+        ({"folds": fewest + 1}, f"folds: given {fewest + 1}, expected 0, or 2 to {fewest}, the number of poses"),
+        ({"folds": -1}, f"folds: given -1, expected 0, or 2 to {fewest}, the number of poses"),
+        ({"lost": True}, "poses: given a tracker that was seen in no pose, expected at least one position of each"),
+    ):
+        with pytest.raises(ArgumentError) as caught:
+            check(**more)  # type: ignore[arg-type]
+        assert str(caught.value) == words
+
+
+class Poses:
+    """Commands and positions."""
+
+    source = "poses.csv"
+
+    def __init__(self, commands: np.ndarray, positions: np.ndarray) -> None:
+        self.commands, self.positions = commands, positions
+
+    def __len__(self) -> int:
+        return len(self.commands)
+
+
+def test_warnings_of_a_calibration() -> None:
+    """Compliances that would be negative, errors on other poses, gross errors, and no end."""
+    unknowns: Any = [SimpleNamespace(name=name) for name in ("q1.compliance", "q2.compliance", "q1.zero")]
+    errors = np.full((30, 2), 1e-3)
+
+    def found(**more: Any) -> Any:
+        fields = {"pull": np.zeros(3), "errors": errors, "scale": 1e-3, "converged": True}
+        return SimpleNamespace(**(fields | more))
+
+    assert calibrate._warnings(unknowns, found(), None) == ()
+    assert calibrate._warnings(unknowns, found(), np.full((30, 2), 0.99e-3 * calibrate.MANY)) == ()
+    pull = np.array([1.01 * calibrate.PULL, 0.99 * calibrate.PULL, 0.0])
+    (text,) = calibrate._warnings(unknowns, found(pull=pull), None)
+    assert text.startswith("the measurements ask for a negative compliance of q1: a mechanism, a spring below it or ")
+    held = np.full((30, 2), 2e-3 * calibrate.MANY)
+    held[3] = np.nan
+    (text,) = calibrate._warnings(unknowns, found(), held)
+    assert text.startswith(
+        f"the mean error on poses that were not fitted is {2 * calibrate.MANY:.2g} times that of the"
+    )
+    gross = errors.copy()
+    gross[4, 1], gross[7, 0], gross[9, 0] = 1.01e-3 * calibrate.GROSS, 0.99e-3 * calibrate.GROSS, np.nan
+    size = f"{calibrate.GROSS:.3g}"
+    expected = (f"1 poses have an error above {size} mm: rows 5 of the poses",)
+    assert calibrate._warnings(unknowns, found(errors=gross), None) == expected
+    gross[:11] = 1.0
+    (text,) = calibrate._warnings(unknowns, found(errors=gross), None)
+    assert text.endswith("rows 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ... of the poses") and text.startswith("11 poses")
+    gross[10] = 0.0
+    assert calibrate._warnings(unknowns, found(errors=gross), None)[0].endswith("9, 10 of the poses")
+    assert calibrate._warnings(unknowns, found(converged=False), None) == ("the search did not end at a minimum",)
+
+
+@pytest.mark.parametrize(
+    ("errors", "named"),
+    [({"a": 0.5, "b": 0.02}, "probably b"), ({"a": 0.9, "b": 0.8}, "check units, signs and the order of the columns")],
+)
+def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
+    errors: dict[str, float], named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the model leaves much of the motion unexplained; what is left is over the scatter of the positions."""
+    sizes: dict[Any, tuple[float, float]] = {"given": (1.0, 1.1)} | {name: (x, 1.0) for name, x in errors.items()}
+
+    class Part:
+        model = SimpleNamespace(name="arm")
+
+        def with_commands(self, commands: Any) -> Any:
+            return commands
+
+    monkeypatch.setattr(mistakes, "start_frames", lambda statics, measured, placed: "start")
+    monkeypatch.setattr(mistakes, "_agreement", lambda statics, measured, start: sizes[measured])
+    wrong = [(name, SimpleNamespace(commands=name, positions=name)) for name in errors]
+    monkeypatch.setattr(mistakes, "_mistakes", lambda model, data: wrong)
+    data: Any = SimpleNamespace(commands="given", positions="given", source="run.csv")
+    told: list[str] = []
+    statics: Any = Part()
+    with pytest.raises(ArgumentError) as caught:
+        mistakes.find_start(statics, data, (), told.append)
+    assert str(caught.value) == (
+        "run.csv: given positions that scatter by 1.1 m, of which the model leaves 1 m unexplained, expected poses of "
+        f"arm: {named}"
+    )
+    first = "frame of the measurement, trackers and unknown places"
+    assert told == [first, "91 % of the motion is not explained: searching for a mistake in the poses"]
+    sizes["given"] = (0.99 * mistakes.DOUBTFUL, 1.0)
+    assert mistakes.find_start(statics, data, (), told.append) == "start" and told[2:] == [first]
