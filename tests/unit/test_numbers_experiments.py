@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.testing import assert_array_equal
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.experiment import LARGEST, Experiment
+from flexgen.identification.experiments.sensor_simulation import SensorSignals
 from flexgen.loop.hardware import DriveHardware
 from flexgen.position_servo.filters import LowPass, Notch
 
@@ -108,3 +110,20 @@ def test_numbers_beyond_reason_are_refused(experiment: Experiment, name: str) ->
     arrays[name].flat[3] = 1.01 * LARGEST
     with pytest.raises(ValueError, match=f"^{name}: expected numbers up to {LARGEST:g}".replace("+", r"\+")):
         Experiment.from_data(arrays, meta)
+
+
+def test_sensors_sample_at_multiples_of_the_drives() -> None:
+    """Which divide the period, and show the highest frequency; a difference of a millionth is none."""
+    hardware = SimpleNamespace(sample_s=1e-3)
+    frequencies = np.array([2.0, 20.0])
+    plan: Any = SimpleNamespace(hardware=hardware, samples=500, lines=[1, 10], period_s=0.5, frequencies=frequencies)
+    step = SensorSignals._step
+    assert [step("acc.x", x, plan) for x in (None, 1e-3, 4e-3, 4e-3 + 9e-10, 2e-2)] == [1, 1, 4, 4, 20]
+    words = (
+        r"^sensor channel acc\.x: given sample_s = .* s, expected a multiple of 0\.001 s, the sample time of the dri"
+    )
+    for wrong in (4e-3 + 2e-9, 3e-3, 4e-4, 1.5e-3):
+        with pytest.raises(ArgumentError, match=words):
+            step("acc.x", wrong, plan)
+    with pytest.raises(ArgumentError, match=r"expected less than half a period of the highest frequency, 20 Hz$"):
+        step("acc.x", 2.5e-2, plan)
