@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,10 +17,12 @@ from flexgen.codegen.constants_header import _curves
 from flexgen.errors import ArgumentError
 from flexgen.exports import added
 from flexgen.expressions.graph import LATENCY, OTHER_LATENCY, Graph
+from flexgen.library import source_folder
 from flexgen.library.agreement import compare_library
 from flexgen.mechanics.equations import derive
 from flexgen.memory.hysteresis_law import curve_of
 from flexgen.spec.variants import add_variant
+from flexgen.version import __version__
 
 FILE = """\
 name = "arm"
@@ -86,6 +89,19 @@ def test_exporters_of_other_packages(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setattr(added, "added_names", lambda group: ())
     with pytest.raises(ArgumentError, match=r"^export: given 'my', expected one of none: no package adds any$"):
         added.export("my", "elbow", out)
+
+
+def test_the_record_of_an_exported_folder_is_a_text_to_read(tmp_path: Path) -> None:
+    """Two spaces a level, digests by file, then a new line."""
+    files = source_folder.write_folder(tmp_path / "arm", "kind", "arm", {"b.c": "int b;\n", "a/a.h": "int a;\n"})
+    names = [file.relative_to(tmp_path / "arm").as_posix() for file in files]
+    assert names == ["a/a.h", "b.c", source_folder.RECORD]
+    digest = {name: hashlib.sha256((tmp_path / "arm" / name).read_bytes()).hexdigest() for name in names[:2]}
+    assert files[-1].read_text() == (
+        f'{{\n  "format": 1,\n  "generator": "flexgen {__version__}",\n  "kind": "kind",\n'
+        '  "name": "arm",\n  "files": {\n'
+        f'    "a/a.h": "{digest["a/a.h"]}",\n    "b.c": "{digest["b.c"]}"\n  }}\n}}\n'
+    )
 
 
 def test_a_library_is_compared_with_the_equations() -> None:

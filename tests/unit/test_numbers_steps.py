@@ -354,6 +354,9 @@ def test_rows_of_a_plan_are_checked_between_its_points(monkeypatch: pytest.Monke
     both = row("two", ca.vertcat(y, 2 * y), -inf, inf)
     both.lower, both.upper = np.array([-inf, -inf]), np.array([1.9, 100.0])
     assert warnings(both)[0] == "'two' is violated by 0.11 between the collocation points"
+    both.value = ca.vertcat(y, y + 98.04)  # that one exceeds 100 by less than a hundredth
+    both.upper = np.array([1.9, 100.0])
+    assert warnings(both)[0] == "'two' is violated by 0.11 between the collocation points"
 
 
 def test_steps_to_a_motor_angle_are_as_many_as_its_bound_needs() -> None:
