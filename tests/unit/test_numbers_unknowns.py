@@ -14,8 +14,10 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen import array_files, npz_files
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.library import directory
 from flexgen.npz_files import NpzError, read_npz
 from flexgen.performance import learn
+from flexgen.planning import problem as problem_module
 from flexgen.planning.problem import Parameter
 from flexgen.planning.start import scales
 from flexgen.planning.transcribe import Layout
@@ -193,3 +195,58 @@ def test_the_filter_of_learning_is_below_the_sampling_frequency(monkeypatch: pyt
     for gain in (0.0, 2.1):
         with pytest.raises(ArgumentError, match=rf"^gain: given {gain}, expected more than 0, at most 2$"):
             learn.learn("elbow", gain=gain, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complete"),
+    [
+        ({}, True),
+        ({"build": None}, True),
+        ({"build": ...}, False),
+        ({"files": {}}, True),
+        ({"files": {"a.c": 1}}, False),
+        ({"files": {"../a.c": "x"}}, False),
+        ({"files": ["a.c"]}, False),
+        ({"functions": {}}, False),
+        ({"functions": [{"name": 1}]}, False),
+        ({"functions": ["f"]}, False),
+        ({"functions": []}, True),
+        ({"digest": 3}, False),
+        ({"build": {"library": "a.so"}}, False),
+        ({"build": {"library": "a.so", "static": "../a.a"}}, False),
+        ({"build": ["a.so", "a.a"]}, False),
+    ],
+)
+def test_a_manifest_is_complete_with_what_is_read_of_it(changes: dict[str, Any], complete: bool) -> None:
+    manifest: dict[str, Any] = {
+        "files": {"a.c": "abc", "src/b.c": "def"},
+        "functions": [{"name": "f"}, {"name": "g"}],
+        "digest": "x",
+        "build": {"library": "liba.so", "static": "liba.a"},
+    }
+    manifest = {name: value for name, value in (manifest | changes).items() if value is not ...}
+    assert directory._is_complete(manifest) is complete
+    if complete:
+        assert directory.libraries(manifest) == (["liba.so", "liba.a"] if manifest["build"] else [])
+    assert directory.libraries(None) == []
+
+
+def test_the_search_of_a_plan_begins_at_the_scaled_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And so does the check that all is finite there."""
+    problem = flexgen.plan_problem("planar5_nmp", mesh=3)
+    seen: list[np.ndarray] = []
+
+    def solve_nlp(made: Any, x: np.ndarray, **given: Any) -> Any:
+        seen.append(x)
+        raise SolverError("enough")
+
+    start = np.linspace(1.0, 2.0, layout_of(problem).size)
+    monkeypatch.setattr(problem_module, "solve_nlp", solve_nlp)
+    monkeypatch.setattr(problem_module, "check_finite", lambda made, x: seen.append(x))
+    monkeypatch.setattr(problem, "_start", lambda layout, guess: start)
+    with pytest.raises(SolverError, match=r"^enough$"):
+        problem.solve(progress=False)
+    expected = start / scales(layout_of(problem), [], start)
+    assert len(seen) == 2
+    assert_allclose(seen[0], expected)
+    assert_allclose(seen[1], expected)
