@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen import array_files, npz_files
+from flexgen.dae import strangeness_index
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.library import directory
 from flexgen.npz_files import NpzError, read_npz
@@ -250,3 +251,47 @@ def test_the_search_of_a_plan_begins_at_the_scaled_start(monkeypatch: pytest.Mon
     assert len(seen) == 2
     assert_allclose(seen[0], expected)
     assert_allclose(seen[1], expected)
+
+
+def test_files_of_a_library_are_marked_at_their_top(tmp_path: Path) -> None:
+    """By the program and the name; a file that is not there is neither marked nor the same."""
+    file, none = tmp_path / "arm.h", tmp_path / "none.h"
+    file.write_bytes(b"/* arm: " + directory._MARK + b" */\n")
+    assert directory._is_marked(file, "arm") is True and directory._is_marked(file, "leg") is False
+    assert directory._is_marked(none, "arm") is False
+    file.write_bytes(b" " * directory._HEAD + b"arm " + directory._MARK)
+    assert directory._is_marked(file, "arm") is False
+    assert directory._has_bytes(file, file.read_bytes()) is True and directory._has_bytes(file, b"x") is False
+    assert directory._has_bytes(file, b"x" * file.stat().st_size) is False
+    assert directory._has_bytes(none, b"") is False
+
+
+@pytest.mark.parametrize(("orders", "found_at"), [([3], 3), ([3, 4, 5], 5), ([3, 4, 5, 6], 6)])
+def test_the_strangeness_index_is_searched_until_all_points_have_one(
+    orders: list[int], found_at: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the structural index on, up to the highest."""
+    asked: list[int] = []
+
+    def consistent(series: Any, reference: Any, instants: np.ndarray, order: int) -> Any:
+        asked.append(order)
+        return "x", [order, order]
+
+    def characterize(F_x: Any, F_dx: Any, scale: int) -> Any:
+        known = scale >= found_at and (F_x == 0 or found_at < 6)
+        return SimpleNamespace(verdict="found" if known else "not found", order=scale)
+
+    series = SimpleNamespace(jacobians=lambda x: ([0, 1], [0, 1]))
+    replaced = {
+        "TaylorArray": lambda dae: series, "InverseDae": lambda equations: None, "consistent": consistent,
+        "characterize": characterize, "structural_index": lambda equations: SimpleNamespace(index=3),
+    }  # fmt: skip
+    for name, value in replaced.items():
+        monkeypatch.setattr(strangeness_index, name, value)
+    reference: Any = SimpleNamespace(duration=1.0)
+    function: Any = strangeness_index.kunkel_mehrmann
+    found = function(None, reference, [0.2, 0.4], highest=6)
+    assert asked == orders and len(found) == 2 and found[0].order == orders[-1]
+    for wrong in ([0.4, 0.2], [0.2, 0.2], [], [np.nan], [[0.1]]):
+        with pytest.raises(ArgumentError, match=r"^times: given .*, expected rising instants in s$"):
+            function(None, reference, wrong)
