@@ -9,11 +9,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.motor_side import motors_behind
-from flexgen.inversion.sampling import second_time_derivative, time_derivative
+from flexgen.inversion.sampling import differentiate
 from flexgen.mechanics.equations import Equations
 from flexgen.memory.hysteretic_gears import hysteretic_deflections
 from flexgen.memory.lugre import bristle_torques, motor_bristles, torques_to_send
@@ -39,9 +37,10 @@ def with_lugre(equations: Equations, result: MethodResult) -> MethodResult:
 
 def with_hysteresis(equations: Equations, result: MethodResult) -> MethodResult:
     """The result of a method with the motors behind gears with hysteresis, which begin at rest with z = 0."""
-    i_g, tau, step = list(equations.model.i_g), result.tau_g, result.t[1] - result.t[0]
-    tau_g = np.stack([tau, time_derivative(tau, step), second_time_derivative(tau, step)], axis=2)
-    p, z = hysteretic_deflections(equations, result.t, tau_g)
-    motion = [result.q[:, i_g] + p, result.v[:, i_g] + time_derivative(p, step)]
-    motion.append(result.a[:, i_g] + second_time_derivative(p, step))
+    i_g, step = list(equations.model.i_g), result.t[1] - result.t[0]
+    # the equilibrium by which `settling` replaces the last sample: its torque is held
+    settled = equations.model.n_e > 0 and not (result.v[-1].any() or result.a[-1].any())
+    p, z = hysteretic_deflections(equations, result.t, differentiate(result.tau_g, step, settled=settled))
+    jets = differentiate(p, step, settled=settled)
+    motion = [x[:, i_g] + jets[:, :, k] for k, x in enumerate((result.q, result.v, result.a))]
     return replace(result, motors=motors_behind(equations, motion, result.tau_g), tau_h=z, tau_b=None)

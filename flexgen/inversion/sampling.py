@@ -117,6 +117,16 @@ def second_time_derivative(x: np.ndarray, step: float) -> np.ndarray:
     return (270 * one - 27 * two + 2 * three) / (180 * step**2)
 
 
+def differentiate(x: np.ndarray, step: float, *, settled: bool = False) -> np.ndarray:
+    """Samples (n, m) with these two derivatives, (n, m, 3); ``settled``: the last one rests, after a small jump."""
+    moving = x[: len(x) - settled]
+    for _ in range(4 * settled):  # the motion before the jump, continued by parabolas
+        moving = np.concatenate([moving, 3 * (moving[-1:] - moving[-2:-1]) + moving[-3:-2]])
+    found = np.stack([f(moving, step)[: len(x)] for f in (time_derivative, second_time_derivative)], axis=2)
+    found[len(x) - settled :] = 0.0
+    return np.concatenate([x[:, :, None], found], axis=2)
+
+
 def _neighbors(x: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The samples one, two and three later, and earlier; constant before and after."""
     padded = np.concatenate([np.repeat(x[:1], 3, axis=0), x, np.repeat(x[-1:], 3, axis=0)])

@@ -21,7 +21,7 @@ from flexgen.inversion.method_result import MethodResult, with_motors
 from flexgen.inversion.motor_side import MotorMotion
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
-from flexgen.inversion.sampling import second_time_derivative, time_derivative
+from flexgen.inversion.sampling import differentiate
 from flexgen.inversion.settling import slow_gears
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import equilibrium_at
@@ -54,7 +54,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         if found is None:
             raise SolverError(f"move {path.move.name}: the path passes a singular pose; choose another path")
         motion = found
-    motion = replace(motion, tau_g=_differentiate(motion.tau_g, step)) if kinks else motion
+    motion = replace(motion, tau_g=differentiate(motion.tau_g[:, :, 0], step)) if kinks else motion
     result = with_motors(equations, t, motion, preactuation=n_pre * step)
     end = problem.at_rest(path.duration)
     return replace(_append_equilibrium(end, result), warnings=slow_gears(problem)) if n_post else result
@@ -68,12 +68,6 @@ def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray,
     n = int(min(np.ceil(duration / step), SAMPLES))
     n_post = int(min(np.ceil(settling * n / duration), SAMPLES))
     return np.r_[np.linspace(0.0, duration, n + 1), duration + duration / n * np.arange(1, n_post + 1)], n_post
-
-
-def _differentiate(tau_g: np.ndarray, step: float) -> np.ndarray:
-    """The gear torques (n, n_g, 3) with derivatives by differences over the samples."""
-    tau = tau_g[:, :, 0]
-    return np.stack([tau, time_derivative(tau, step), second_time_derivative(tau, step)], axis=2)
 
 
 def _append_equilibrium(equations: Equations, result: MethodResult) -> MethodResult:
