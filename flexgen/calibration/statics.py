@@ -4,8 +4,9 @@
     y = f + F p                                 f, F: pose of the world in the frame of the measurement
 
 ``c``: compliances; ``tau``: load of gravity on each elastic coordinate, where that of a mechanism acts on the
-coordinates that it names. With ``T`` the nodes that an elastic coordinate moves, ``H = dtau/dq`` and ``J = dp/dq``, the
-implicit function theorem gives, for a number with direct effects ``q'``, ``c'``, ``tau'``,
+coordinates that it names, and the torques of counterbalance and friction at rest, by the angle command + deflection.
+With ``T`` the nodes that an elastic coordinate moves, ``H = dtau/dq`` and ``J = dp/dq``, the implicit function theorem
+gives, for a number with direct effects ``q'``, ``c'``, ``tau'``,
 
     L = J T (1 - c T' H T)^-1,      dp = (J + L c T' H) q' + L (c' tau + c tau')
 """
@@ -117,6 +118,8 @@ class Statics:
         self.mechanisms = [tree.index[name] for name in tree.mimics]
         self.rows = np.concatenate([self.elastic, self.mechanisms]).astype(int)
         self.slides = np.array([node.slides for node in tree.nodes])
+        dofs = {c.name: c.dof for c in tree.model.coordinates}
+        self.springs = [(k, dof) for k, name in enumerate(tree.elastic) if (dof := dofs[name]) is not None]
         self.gravity = np.array(tree.model.gravity)
         self.held = np.array([mount.node for _, mount, _ in tree.bodies], int)
         self.places = [tree.tip(sensor.place) for sensor in trackers_of(tree.model)]
@@ -151,11 +154,12 @@ class Statics:
                 loads, load = None, np.zeros_like(deflection)
                 break
             loads = self._loads(numbers, posture, T)
-            load = (T.T @ loads.tau).T
+            given, rising = self._joint_torques(numbers, q)
+            load = (T.T @ loads.tau).T + given
             gap = c * load - deflection
             if not len(c) or np.abs(gap).max() < SETTLED:
                 break
-            matrix = np.eye(len(c)) - c[:, None] * (self._load_slopes(loads, self.rows) @ T[self.rows])
+            matrix = np.eye(len(c)) - c[:, None] * (self._load_slopes(loads, self.rows) @ T[self.rows] + rising)
             try:
                 step = np.linalg.solve(matrix, gap[..., None])[..., 0]
             except np.linalg.LinAlgError:
@@ -177,7 +181,7 @@ class Statics:
         T, N = loads.T, len(rest.q)
         F, turned = frame_rotation(numbers.frame), frame_slopes(numbers.frame)
         H = self._load_slopes(loads, np.arange(len(T)))
-        matrix = np.eye(len(c)) - c[:, None] * (H @ T)
+        matrix = np.eye(len(c)) - c[:, None] * (H @ T + self._joint_torques(numbers, rest.q)[1])
         out = np.zeros((len(unknowns), N, len(self.places), 3))
         for k, mount in enumerate(self.places):
             J = self.tree.point_slopes(rest.posture, mount, rest.points[:, k])
@@ -218,6 +222,21 @@ class Statics:
         for m in self.mechanisms:
             q[:, m] += sum(f * q[:, on] for (which, on), f in numbers.factors.items() if which == m)
         return q
+
+    def _joint_torques(self, numbers: Numbers, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (N, n_E) of counterbalance and friction at rest on the elastic coordinates; slopes (N, n_E, n_E).
+
+        A zero turns the body in front of the counterbalance, as in the model file: the angle does not contain it.
+        """
+        angle = q[:, self.elastic] - numbers.shifts[self.elastic]
+        torque, slope = np.zeros_like(angle), np.zeros((*angle.shape, angle.shape[1]))
+        for k, dof in self.springs:
+            torque[:, k] -= dof.friction.offset
+            for n, (sine, cosine) in enumerate(dof.counterbalance, 1):
+                x = n * angle[:, k]
+                torque[:, k] += sine * np.sin(x) + cosine * np.cos(x)
+                slope[:, k, k] += n * (sine * np.cos(x) - cosine * np.sin(x))
+        return torque, slope
 
     def _loads(self, numbers: Numbers, posture: Posture, T: np.ndarray) -> Loads:
         """Loads and their slopes; see `flexgen.calibration.tree`."""

@@ -41,6 +41,21 @@ def arm() -> RobotModel:
     return flexgen.read("manutec_r3_18", overrides={"sensor": TRACKERS})
 
 
+def overrides_of_balanced() -> dict[str, Any]:
+    """Counterbalances, and the offset of a friction that acts at rest."""
+    return {
+        "sensor": TRACKERS,
+        "element.body2.dof.q2.counterbalance": {"sin": [900.0, -120.0], "cos": [-200.0, 60.0]},
+        "element.body3.dof.q3.friction": {"offset": 150.0},
+        "element.body3.dof.t3z.counterbalance": {"cos": [80.0]},
+    }
+
+
+@lru_cache
+def balanced() -> RobotModel:
+    return flexgen.read("manutec_r3_18", overrides=overrides_of_balanced())
+
+
 def commands(count: int, seed: int = 0, joints: int = 6) -> np.ndarray:
     """Random joints."""
     return np.random.default_rng(seed).uniform(-1.5, 1.5, (count, joints))
@@ -58,10 +73,10 @@ def drawn(model: RobotModel, free: tuple[str, ...], priors: Priors, seed: int = 
     return tree, unknowns, x
 
 
-@pytest.mark.parametrize("name", ["arm", "justin"])
+@pytest.mark.parametrize("name", ["arm", "justin", "balanced"])
 def test_positions_are_those_of_the_equations_of_motion(name: str) -> None:
     """The tree of nodes and CasADi's Lagrangian share no code: positions with sag to 1e-9 m, without to 1e-12 m."""
-    model = arm() if name == "arm" else flexgen.read(JUSTIN)
+    model = {"arm": arm, "balanced": balanced}.get(name, lambda: flexgen.read(JUSTIN))()
     q = commands(6, joints=model.n_g)
     statics = Statics(Tree(model), q)
     for sag, close in ((True, 1e-9), (False, 1e-12)):
@@ -89,6 +104,24 @@ def test_changed_keys_are_the_changed_numbers() -> None:
             there.file, overrides=({"sensor": TRACKERS} if robot is arm() else {}) | changes_of(robot, numbers, frame)
         )
         assert np.abs(flexgen.tracker_positions(seen, joints) - statics.rest(numbers).measured).max() < 1e-9
+
+
+def test_changed_keys_and_slopes_of_an_arm_with_counterbalances() -> None:
+    """The angle of a counterbalance does not contain the zero of its joint, in the tree as in the model file."""
+    model, q = balanced(), commands(4)
+    tree, unknowns, x = drawn(model, GROUPS, Priors(compliance=0.3, mass=0.1))
+    statics, numbers = Statics(tree, q), Numbers.of(tree, unknowns, x)
+    rest = statics.rest(numbers)
+    changed = flexgen.read("manutec_r3_18", overrides=overrides_of_balanced() | changes_of(model, numbers))
+    assert np.abs(flexgen.tracker_positions(changed, q) - rest.points).max() < 1e-9
+    slopes = statics.slopes(numbers, rest, unknowns)
+    for k, u in enumerate(unknowns):
+        if u.name.split(".")[0] in ("q2", "q3", "t3z"):
+            step = np.zeros(len(x))
+            step[k] = 1e-3 * u.sd
+            high, low = (statics.rest(Numbers.of(tree, unknowns, x + s * step)).measured for s in (1, -1))
+            difference = (high - low) / (2 * step[k])
+            assert np.abs(difference - slopes[..., k]).max() < 1e-4 * np.abs(difference).max() + 2e-8 / step[k], u.name
 
 
 @pytest.mark.slow
