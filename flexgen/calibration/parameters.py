@@ -159,7 +159,8 @@ def unknowns_of(tree: Tree, free: Sequence[str], placed: Sequence[str], priors: 
 def _masses(tree: Tree, priors: Priors) -> list[Unknown]:
     """Masses and centers of the bodies that have a mass and load an elastic coordinate."""
     out = []
-    loaded = np.asarray(tree.carries[[tree.index[name] for name in tree.elastic]].any(axis=0))
+    by_mechanism = [name for name, factors in tree.mimics.items() if set(factors) & set(tree.elastic)]
+    loaded = np.asarray(tree.carries[[tree.index[name] for name in (*tree.elastic, *by_mechanism)]].any(axis=0))
     for k, (name, mount, body) in enumerate(tree.bodies):
         if body.mass == 0.0 or not loaded[mount.node]:
             continue
@@ -170,9 +171,11 @@ def _masses(tree: Tree, priors: Priors) -> list[Unknown]:
 
 
 def _moving_nodes(tree: Tree) -> set[int]:
-    """Nodes that move a tracker; the others have no effect, except through their weight."""
+    """Nodes that move a tracker, also by a mechanism; the others have no effect, except through their weight."""
     nodes = [tree.tip(sensor.place).node for sensor in trackers_of(tree.model)]
-    return set(np.flatnonzero(tree.carries[:, nodes].any(axis=1)).tolist())
+    moving = set(np.flatnonzero(tree.carries[:, nodes].any(axis=1)).tolist())
+    named = {tree.index[other] for name, of in tree.mimics.items() if tree.index[name] in moving for other in of}
+    return moving | named
 
 
 def _same_as_zero(element: Element) -> str:

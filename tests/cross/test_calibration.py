@@ -187,6 +187,51 @@ def test_standard_deviations_agree_with_the_errors() -> None:
     assert 0.90 < np.mean(inside) < 0.99
 
 
+AXIS = """
+[[element]]
+name = "{0}"
+parent = "{1}"
+body = {{ mass = 6.0, com = [0.3, 0.05, 0.1], inertia = [0.1, 0.1, 0.1] }}
+[[element.dof]]
+name = "{2}"
+type = "rotation"
+axis = [0, 0.6, 0.8]
+{3}
+"""
+SPRUNG = 'gear = { type = "elastic", side = "arm", spring = { type = "linear", stiffness = 5e3 } }'
+BRANCHES = (
+    'name = "branches"\ngravity = [0, 0, -9.81]\nhome_rad = [0, 0]\n'
+    + AXIS.format("left", "base", "q1", SPRUNG)
+    + AXIS.format("right", "base", "q2", SPRUNG)
+    + AXIS.format("hand", "left", "turned", "mimic = { q1 = -0.5, q2 = -0.8 }")
+    + "".join(f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-4\n' for k in (1, 2))
+    + '[output]\ntype = "joint"\njoints = ["q1", "q2"]\n'
+    + '[[sensor]]\nname = "point"\ntype = "tracker"\nunit = "m"\nelement = "hand"\nposition = [0.4, 0.1, 0.0]\n'
+)
+
+
+def test_an_axis_that_moves_the_tracker_by_a_mechanism_alone_is_fitted(tmp_path: Path) -> None:
+    """q2 does not carry the hand, but a mechanism turns the hand with it, by its zero and its deflection too."""
+    (tmp_path / "branches.toml").write_text(BRANCHES)
+    model = flexgen.read(tmp_path / "branches.toml")
+    there = flexgen.read(model.file, overrides={"element.right.dof.q2.gear.spring.stiffness": 3.5e3})
+    q, zero = commands(60, joints=2), np.array([0.0, 0.02])
+    seen = flexgen.tracker_positions(there, q + zero) + 3e-5 * np.random.default_rng(0).normal(size=(60, 1, 3))
+    found = flexgen.calibrate(model, flexgen.StaticPoses(q, seen), free=["zeros", "compliances"], folds=0)
+    assert not found.problem
+    for name, value in (("q2.zero", 0.02), ("q2.compliance", 1 / 3.5e3), ("q1.compliance", 1 / 5e3)):
+        assert abs(found.values[name] - value) < 3 * found.sd[name] and found.determined[name], name
+    loads = {u.name for u in unknowns_of(Tree(model), ("masses",), (), Priors())}
+    assert {"left.mass", "right.mass", "hand.mass"} <= loads
+
+
+def test_a_body_that_loads_a_spring_by_a_mechanism_alone_has_an_unknown_mass(tmp_path: Path) -> None:
+    text = BRANCHES.replace(SPRUNG, 'gear = { type = "rigid" }', 1)
+    (tmp_path / "branches.toml").write_text(text)
+    loads = {u.name for u in unknowns_of(Tree(flexgen.read(tmp_path / "branches.toml")), ("masses",), (), Priors())}
+    assert "hand.mass" in loads and "left.mass" not in loads
+
+
 def test_gross_errors_change_little() -> None:
     """Eight positions off by 50 mm: the robust fit stays within 0.2 mm, plain least squares does not."""
     for robust, least, most in ((True, 0.0, 2e-4), (False, 3e-4, 1.0)):
