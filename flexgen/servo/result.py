@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +18,8 @@ from flexgen.servo.servo import Servo
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
+LITTLE = 0.5  # of the error with the planned motor angles: where stability is looked at
+GROWN = 1e3  # deviations over the motion, in an unstable loop
 UNITS = {"rad": {"deg": np.pi / 180.0, "rad": 1.0}, "m": {"deg": 1e-3, "rad": 1.0}}
 NAMES = {"rad": {"deg": "deg", "rad": "rad"}, "m": {"deg": "mm", "rad": "m"}}
 
@@ -92,7 +95,22 @@ class PositionCommands(Result):
         """Why the positions cannot be sent."""
         run = self.run.nominal
         full = f"{run.saturated} samples at the torque limit" if run.saturated else ""
-        return run.failure or full
+        return self._unstable or run.failure or full
+
+    @cached_property
+    def _unstable(self) -> str:
+        """Where the loop of servo and robot is unstable; looked for where the positions reduce the error little."""
+        errors = (
+            (self.tool_error_max_m, self.today_error_max_m),
+            (self.tool_error_max_rad, self.today_error_max_rad),
+        )
+        if all(now is None or before is None or now <= LITTLE * before for now, before in errors):
+            return ""
+        for where, loop in self.run.loops().items():
+            largest = loop.largest_eigenvalue()
+            if len(self.run.reference.time) * np.log(largest) > np.log(GROWN):
+                return f"the loop of servo and robot is unstable, eigenvalue {largest:.5g} in the {where} of the motion"
+        return ""
 
     @property
     def tool_error_max_m(self) -> float | None:

@@ -134,6 +134,20 @@ def test_mujoco_of_six_axes_under_the_table(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("delay", [1.07e-3, 1.3e-3])
+def test_an_unstable_servo_is_not_solved(solved, delay):
+    """Its deviations grow by 1e13 and more in the motion, until the numbers are not finite; with 1 ms it is stable."""
+    gains = flexgen.Cascade((30.0, 25.0), (4.0, 1.0), (6.0, 6.0))
+    for late, words in ((delay, "failed: the loop of servo and robot is unstable"), (1e-3, "solved")):
+        found = flexgen.command_positions(
+            robot_of("planar5_nmp"),
+            solution=solved["planar5_nmp"],
+            servo=flexgen.Servo(gains, delay=late),
+            progress=False,
+        )
+        assert found.status.startswith(words)
+
+
 def test_limits_of_the_commands_are_kept_and_their_cost_is_stated(solved):
     given = {"solution": solved["planar5_nmp"], "progress": False}
     free = flexgen.command_positions(robot_of("planar5_nmp"), **given)
