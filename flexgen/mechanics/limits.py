@@ -204,6 +204,11 @@ class Limits:
         dict of str to array, float or list
             ``torque_max``, ``speed_max``, ``deflection_max``, and the names of all others that have bounds.
 
+        Raises
+        ------
+        ArgumentError
+            The number of the bounds of one kind does not fit the model.
+
         Examples
         --------
         >>> flexgen.Limits(torque=(20.0, 10.0), reserve=0.1).for_library("planar5_nmp")["torque_max"]
@@ -212,7 +217,12 @@ class Limits:
         robot = robot_of(model)
         torque, speed = self.arrays(robot.n_m)
         sizes, left = {"gear": robot.n_g, "motor": robot.n_m}, 1.0 - self.reserve
-        for k, curve in enumerate(self.torque_speed or ()):
+        curves = self.torque_speed or ((),) * robot.n_m
+        if len(curves) != robot.n_m:
+            raise ArgumentError(
+                f"limits: given torque_speed of {len(curves)} motors, expected a curve or () for each of {robot.n_m}"
+            )
+        for k, curve in enumerate(curves):
             if curve:
                 torque[k] = min(torque[k], left * curve[0][1])
         out = {"torque_max": torque, "speed_max": speed, "deflection_max": self.deflections(robot.n_e)}
@@ -267,13 +277,9 @@ def _are_numbers(values: Any) -> bool:
 
 def _check_curve(curve: Any) -> None:
     """ArgumentError where points are not those of a torque that falls over the speed, faster and faster."""
-    from flexgen.spec.curve import TORQUE_SPEED, is_torque_speed
+    from flexgen.spec.curve import TORQUE_SPEED, points_of
 
-    try:
-        points = np.array(curve, dtype=float)
-    except (TypeError, ValueError):
-        points = np.array(np.nan)
-    if points.size and not is_torque_speed(points):
+    if points_of(curve) is None:
         raise ArgumentError(f"limits: given torque_speed {show_value(curve)}, expected {TORQUE_SPEED}")
 
 

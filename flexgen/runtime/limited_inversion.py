@@ -15,7 +15,7 @@ from flexgen.runtime.inversion_arguments import array_of, parameters_of
 from flexgen.runtime.path_inversion import Inversion, Inverter
 from flexgen.runtime.servo import servo_options
 from flexgen.runtime.structs import struct_of
-from flexgen.spec.curve import TORQUE_SPEED, is_torque_speed
+from flexgen.spec.curve import TORQUE_SPEED, points_of
 
 SIZES = {
     "torque_max": "n_m",
@@ -56,8 +56,10 @@ def limit_members(
             known = ", ".join((*SIZES, *OF_TOOL, "torque_speed"))
             raise ArgumentError(f"{function}: given the limit {show_value(name)}, expected some of {known}")
         else:
-            curves = [np.array(one if len(one) else NO_CURVE, dtype=float) for one in x if np.ndim(one) > 0]
-            if len(curves) != sizes["n_m"] or not all(map(is_torque_speed, curves)):
+            listed = isinstance(x, list | tuple) or (isinstance(x, np.ndarray) and x.ndim > 0)
+            found = [points_of(one) for one in x] if listed else []
+            curves = [one if len(one) else np.array(NO_CURVE) for one in found if one is not None]
+            if not len(curves) == len(found) == sizes["n_m"]:
                 raise ArgumentError(
                     f"{function}, torque_speed: given {show_value(x)}, expected for each of {sizes['n_m']} motors "
                     f"{TORQUE_SPEED}; or nothing for a motor"

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
+from flexgen.counts import show_value
+from flexgen.errors import ArgumentError
 from flexgen.spec.keys import Key
 from flexgen.spec.tables import Table
 
@@ -22,6 +27,28 @@ def is_torque_speed(points: np.ndarray) -> bool:
         return False
     rates = torques / speeds
     return bool((rates <= 0.0).all() and (np.diff(rates) <= 1e-9 * np.abs(rates).max()).all())
+
+
+def points_of(curve: Any) -> np.ndarray | None:
+    """Points (n, 2) of a curve, (0, 2) of an empty one; None where they are not those of a torque-speed curve."""
+    try:
+        points = np.array(curve, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    if points.size == 0:
+        return points.reshape(0, 2)
+    return points if is_torque_speed(points) else None
+
+
+def checked_curves(name: str, curves: Sequence[Any]) -> tuple[tuple[tuple[float, float], ...], ...]:
+    """Curves of motors as tuples, empty where a motor has none, or none; ArgumentError where one is not a curve."""
+    out = []
+    for curve in curves:
+        points = points_of(curve)
+        if points is None:
+            raise ArgumentError(f"{name}: given {show_value(curve)}, expected {TORQUE_SPEED}; or nothing")
+        out.append(tuple((float(speed), float(torque)) for speed, torque in points))
+    return tuple(out) if any(out) else ()
 
 
 def read_curve(table: Table, key: Key) -> tuple[tuple[float, float], ...]:

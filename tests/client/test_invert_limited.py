@@ -168,6 +168,8 @@ def test_limits_that_cannot_be_kept_are_refused() -> None:
         ({"torque_speed": 2 * [[[0.0, 1.0], [5.0, 2.0]]]}, "torque_speed: given .*the torque falls"),
         ({"torque_speed": 2 * [[[0.0, 1.0], [5.0, 0.5], [9.0, 0.4]]]}, "torque_speed: given .*falls faster"),
         ({"torque_speed": 2 * [[[0.0, 1.0]]]}, "torque_speed: given .*two or more points"),
+        ({"torque_speed": 5.0}, "torque_speed: given 5.0, expected for each of 2 motors two or more"),
+        ({"torque_speed": [[[0.0, 1.0], [5.0]], ()]}, "torque_speed: given .*two or more points"),
         ({"torque_max": [1.0, 1.0], "knot_samples": 400}, "expected at least 9 knots"),
         ({"torque_max": [1.0, 1.0], "knot_samples": -1}, "expected at least 9 knots"),
     ],

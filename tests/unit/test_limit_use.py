@@ -173,6 +173,14 @@ def test_wrong_curves_are_refused(curve: object, tmp_path: Path) -> None:
             Limits(torque_speed=(tuple(map(tuple, curve)),))
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_each_motor_of_a_library_has_a_curve_or_none(count: int) -> None:
+    curve = ((0.0, 20.0), (100.0, 10.0))
+    with pytest.raises(ArgumentError, match=f"given torque_speed of {count} motors, expected a curve .* for each of 2"):
+        Limits(torque_speed=(curve,) * count).for_library("planar5_nmp")
+    assert Limits(torque_speed=((), curve)).for_library("planar5_nmp")["torque_max"].tolist() == [np.inf, 20.0]
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [
