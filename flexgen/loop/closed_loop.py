@@ -188,9 +188,9 @@ class ClosedLoop:
     def _memory(self, q_a: np.ndarray, parameters: np.ndarray, seed: int, late: np.ndarray) -> dict[str, np.ndarray]:
         model, hardware, lanes, channels = self.model, self.hardware, self.lanes, self.channels
         n_m, n_a, n_y = model.n_m, model.n_a, self.setup.n_y
-        most = np.array(hardware.torque_max_Nm or (0.0,) * n_m)
-        if most.shape != (n_m,):
-            raise ArgumentError(f"torque_max_Nm: given {len(most)} numbers, expected one for each of {n_m} motors")
+        most, curves = np.array(hardware.torque_max_Nm or (0.0,) * n_m), hardware.torque_speed or ((),) * n_m
+        if sizes := {name: n for name, n in (("torque_max_Nm", len(most)), ("torque_speed", len(curves))) if n != n_m}:
+            raise ArgumentError(f"drives: given sizes {sizes}, expected one for each of {n_m} motors")
         own = np.full(n_m, hardware.encoder_noise_rad), np.full(n_m, hardware.encoder_resolution_rad)
         exact = np.zeros(self.states)
         delays = np.concatenate([np.zeros(n_m), channels.delay_samples, exact]).astype(np.int32)
@@ -218,7 +218,7 @@ class ClosedLoop:
             "status": np.zeros(lanes, np.int32),
             "saturated": np.zeros(lanes, np.int64),
             "encoder_error": _encoder_terms(model),
-            "torque_edges": edges_of_curves(hardware.torque_speed),
+            "torque_edges": edges_of_curves(curves),
         }
 
     def _structure(self, library: Library, delay: int) -> Robots:

@@ -11,6 +11,7 @@ import numpy as np
 from flexgen.environment.robot_function import RobotFunction
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.spec.curve import checked_curves
 from flexgen.type_checks import checked_class
 
 
@@ -54,16 +55,15 @@ class DriveHardware:
         if not 0 <= self.delay_s < self.sample_s:
             raise ArgumentError(f"delay_s: given {self.delay_s!r}, expected >= 0, below sample_s = {self.sample_s}")
         for name in ("encoder_resolution_rad", "encoder_noise_rad", "torque_noise_Nm"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
+            if not 0 <= (value := getattr(self, name)) < math.inf:
                 raise ArgumentError(f"{name}: given {value!r}, expected a number >= 0")
+        object.__setattr__(self, "torque_speed", checked_curves("torque_speed", self.torque_speed))
 
     @classmethod
     def from_model(cls, model: RobotModel, **values: float) -> DriveHardware:
         """With the torque limits of a model, 0 where a motor has none; ``values``: the other fields."""
-        curves = tuple(motor.torque_speed for motor in model.motors)
         most = tuple(motor.torque_max or 0.0 for motor in model.motors)
-        return cls(**values, torque_max_Nm=most, torque_speed=curves if any(curves) else ())
+        return cls(**values, torque_max_Nm=most, torque_speed=tuple(motor.torque_speed for motor in model.motors))
 
 
 @dataclass(frozen=True)

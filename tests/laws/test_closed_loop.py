@@ -123,7 +123,7 @@ def test_torques_stay_within_their_torque_speed_curves():
     reference = moving(at_rest, 2, 300, 0.3)
     run = free.run(reference, 300)
     torque, speed = np.abs(run.tau_m[:, 0, 0]).max(), np.abs(np.diff(run.q_m[:, 0, 0])).max() / T
-    curve = ((0.0, 1.2 * torque), (0.5 * speed, 0.6 * torque), (1.5 * speed, -torque))
+    curve = ((0.0, 1.2 * torque), (0.5 * speed, 0.6 * torque), (0.875 * speed, 0.0))
     limited, _, _, _ = loop_of(model, DriveHardware(T, torque_speed=(curve, ())))
     found = limited.run(reference, 300, motion=True)
     assert found.motion is not None
@@ -169,6 +169,11 @@ def test_wrong_arrays_are_refused():
         loop.run(np.full((1, 1, 4), np.nan), 5)
     with pytest.raises(ArgumentError, match="expected one for each of 2 motors"):
         loop_of(model, DriveHardware(T, torque_max_Nm=(1.0,)))
+    for count in (1, 3):
+        with pytest.raises(
+            ArgumentError, match=rf"given sizes {{'torque_speed': {count}}}, expected one for each of 2"
+        ):
+            loop_of(model, DriveHardware(T, torque_speed=(((0.0, 1.0), (9.0, 0.5)),) * count))
     with pytest.raises(ArgumentError, match="use a smaller sample time"):
         loop_of(model, DriveHardware(0.4), steps=1)
 

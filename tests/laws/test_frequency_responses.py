@@ -134,6 +134,7 @@ def test_files_come_back_as_they_were(experiment, tmp_path):
     experiment.plan.save(tmp_path / "plan.npz")
     again = flexgen.Plan.load(tmp_path / "plan.npz")
     assert np.array_equal(again.reference(0, 1), experiment.plan.reference(0, 1)) and again.predicted
+    assert again.hardware == experiment.plan.hardware and hash(again.hardware) == hash(experiment.plan.hardware)
     other = flexgen.measure(again, another(without_coulomb("planar5_nmp"), 1), progress=False)
     experiment.save(tmp_path / "data.npz")
     assert np.array_equal(flexgen.Experiment.load(tmp_path / "data.npz").tau_m, experiment.tau_m)

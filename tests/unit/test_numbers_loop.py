@@ -784,6 +784,8 @@ def test_hardware_out_of_range() -> None:
         ({"encoder_noise_rad": -1.0}, "encoder_noise_rad"),
         ({"torque_noise_Nm": np.inf}, "torque_noise_Nm"),
         ({"encoder_resolution_rad": -1e-9}, "encoder_resolution_rad"),
+        ({"torque_speed": (((0.0, 1.0), (5.0, 2.0)), ())}, r"torque_speed: given \(\(0.0, 1.0\).*the torque falls"),
+        ({"torque_speed": ((), ((0.0, 1.0),))}, "torque_speed: given .*two or more points"),
     ):
         with pytest.raises(ArgumentError, match=text):
             DriveHardware(**given)
@@ -795,6 +797,7 @@ def test_hardware_out_of_range() -> None:
     curve = ((0.0, 4.0), (100.0, 3.0))
     model = replace(model, motors=(replace(model.motors[0], torque_speed=curve), model.motors[1]))
     assert DriveHardware.from_model(model).torque_speed == (curve, ())
+    assert DriveHardware(torque_speed=[list(map(list, curve)), []]) == DriveHardware(torque_speed=(curve, ()))
     default = DriveHardware()
     assert (default.sample_s, default.delay_s, default.encoder_noise_rad, default.torque_noise_Nm) == (5e-4, 0, 0, 0)
     ideal = SensorChannels.ideal(3)
