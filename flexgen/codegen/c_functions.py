@@ -24,6 +24,7 @@ from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_jo
 
 # of gears without hysteresis, motors without Fourier sums of their angle and without friction of state or load
 OF_PLAIN_MOTORS = ("stream_limits", "stream_all_limits")
+NO_LIMITS = "because of hysteresis, lugre, friction that depends on the load or Fourier sums of motor angles"
 
 _N = "n_pre + n + n_post"
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
@@ -382,16 +383,13 @@ def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str
         if part != DERIVATIVES and not any(
             f.part == part for f in offered_c_functions(model, functions, (), precision, parts)
         ):
-            obstacle = position_obstacle(model) if part == POSITION else None
-            reason = (
-                inversion_reason(model, functions)
-                or obstacle
-                or (
-                    "it is in double precision only"
-                    if precision != "double"
-                    else f"model {model.name} has no coordinates without motor"
-                )
-            )
+            own = {
+                POSITION: position_obstacle(model),
+                BOUNDS: f"streams of model {model.name} keep no limits, {NO_LIMITS}",
+            }
+            alone = "it is in double precision only" * (precision != "double")
+            elastic = f"model {model.name} has no coordinates without motor"
+            reason = inversion_reason(model, functions) or own.get(part) or alone or elastic
             raise ArgumentError(f"parts: given {part!r}, but {reason}; leave it out")
 
 

@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from clib_sections import section
 from clib_shim import SHIM
 from emitted import _folder, paths_library
+from hysteretic import hysteretic
 from toolchain import needs_compiler
 
 import flexgen
@@ -358,3 +359,10 @@ def test_limits_of_a_stream_that_it_cannot_have() -> None:
     short = with_all_limits("planar5_nmp").stream(y, path.q_start, period=PERIOD, intervals=3)
     with pytest.raises(ArgumentError, match="horizon is too short"):
         short.limit_all(gear_torque_max=[1.0, 1.0])
+
+
+def test_libraries_of_hysteretic_robots_have_no_part_limits(tmp_path: FilePath) -> None:
+    with pytest.raises(
+        ArgumentError, match=r"given 'limits', but streams of model .* keep no limits, because of hyster"
+    ):
+        flexgen.generate(hysteretic("planar5_nmp"), tmp_path, parts=["limits"], build=False)
