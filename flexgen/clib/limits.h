@@ -351,7 +351,9 @@ static inline int all_values(
         return 0;
     }
     for (int i = 0; i < NM; ++i) {
-        torque[i] = tau_m[i] - friction[i];
+        if (k > 0 || !is_finite(torque + i, 1)) { /* differences at node 0 are those of node 1: kept from before */
+            torque[i] = tau_m[i] - friction[i];
+        }
         edge[2 * i] = 1.0 / bound[i];
         edge[2 * i + 1] = 0.0;
         for (int e = 0; e < EDGES; ++e) { /* |tau| + load |v| <= most */

@@ -266,6 +266,11 @@ static inline int start_limits(real *s, const layout *l)
     for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
         b[w.dual + i] = 0.0;
     }
+#if MODEL_BOUNDS
+    for (int i = 0; i < NM; ++i) {
+        b[w.torque + NM + i] = (real)INFINITY; /* not known */
+    }
+#endif /* MODEL_BOUNDS */
     b[w.on] = 1.0;
     return 1;
 }
@@ -289,6 +294,9 @@ static inline void shift_limits(real *s, const layout *l, const real *own, const
     copy(b + w.deviation + DEVIATION, N * DEVIATION, b + w.deviation);
     copy(deviation, DEVIATION, b + w.deviation + N * DEVIATION);
     copy(b + w.dual + BOUNDED, N * BOUNDED, b + w.dual);
+#if MODEL_BOUNDS
+    copy(b + w.torque + NM, NM, b + w.torque);
+#endif /* MODEL_BOUNDS */
 }
 
 /*
@@ -403,7 +411,11 @@ static inline int apply_limits(real *s, const layout *l)
     }
 #if MODEL_BOUNDS
     for (int k = 0; k < 2; ++k) { /* an exceeded limit of this interval is reported */
-        if (largest(b + w.value + k * BOUNDED, MOTORS) > 1.0) {
+        const real most = largest(b + w.value + k * BOUNDED, MOTORS);
+        if (most > infeasible_factor && (s[OFF] > deviation_zero || s[OFF + 1] > deviation_zero)) {
+            return MODEL_LIMITS_INFEASIBLE; /* modifications that cause one another */
+        }
+        if (most > 1.0) {
             s[LIMITED] = 1.0;
         }
     }

@@ -366,3 +366,12 @@ def test_libraries_of_hysteretic_robots_have_no_part_limits(tmp_path: FilePath) 
         ArgumentError, match=r"given 'limits', but streams of model .* keep no limits, because of hyster"
     ):
         flexgen.generate(hysteretic("planar5_nmp"), tmp_path, parts=["limits"], build=False)
+
+
+def test_a_stream_that_exceeds_the_limit_of_a_rate_by_far_fails() -> None:
+    """Torques of this motion jump: modifications cause one another."""
+    model = "four_mass"
+    free = largest_uses(model, bounded(model))["torque_rate_max"]
+    for share in (0.5, 0.3):
+        with pytest.raises(SolverError, match="the limits cannot be kept"):
+            bounded(model, torque_rate_max=share * free)
