@@ -715,7 +715,7 @@ COLD model_status model_stream_all_limits(
     if (given == NULL || limits == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!are_in_range(limits) || (limits->torque_speed != NULL && limits->torque_speed_points - 1 > EDGES)) {
+    if ((limits->torque_speed != NULL && limits->torque_speed_points - 1 > EDGES) || !are_in_range(limits)) {
         return MODEL_BAD_ARGUMENT;
     }
     set_bounds(limits->torque_max, NM, torque);

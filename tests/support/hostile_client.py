@@ -188,7 +188,8 @@ static int all_bound(void)
 {
     const double value = next(), deviation = next();
     const int points = (int)next();
-    double *each[6], *curve = room(2LL * NM * points);
+    const int there = points < 22 ? points : 22; /* more are refused before they are read */
+    double *each[6], *curve = room(2LL * NM * there);
     const long long sizes[6] = {NM, NM, NM, NG, NG, NG};
     double *deflection = room(@_NE);
     @_inversion_limits limits = {0};
@@ -202,9 +203,9 @@ static int all_bound(void)
     for (int i = 0; i < @_NE; ++i) {
         deflection[i] = value;
     }
-    for (int i = 0; i < NM * points; ++i) {
-        curve[2 * i] = 10.0 * (i % points);
-        curve[2 * i + 1] = value * (2.0 - i % points);
+    for (int i = 0; i < NM * there; ++i) {
+        curve[2 * i] = 10.0 * (i % there);
+        curve[2 * i + 1] = value * (2.0 - i % there);
     }
     limits.torque_max = each[0];
     limits.speed_max = each[1];
