@@ -25,7 +25,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.average_names import AverageName
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.loop.controllers import Cascade
-from flexgen.numerics.records import TRANSIENT, first_period_excess
+from flexgen.numerics.records import TRANSIENT, first_period_excess, slow_transients
 from flexgen.numerics.response_estimates import estimate
 from flexgen.numerics.spectra import without_transients
 from flexgen.results import ArrayResult
@@ -248,17 +248,16 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
     n = len(plan.motors)
     U, Y = _inputs_outputs(experiment)
     P = plan.periods
-    warnings: tuple[str, ...] = ()
     spread, noise_periods = 1.0, 1
-    if not experiment.periodic:
+    if experiment.periodic:
+        warnings = () if transients else _check_repeats(Y[..., :n, :], experiment.source)
+        warnings += _check_transients(experiment)
+    else:
         average, spread = "h1", OVERLAP
         warnings = (
             f"the motion is not periodic: estimated from {P} windowed segments; leakage, and noise of the torques in "
             "closed loop, bias the responses: prefer a periodic excitation",
         )
-    elif not transients:
-        warnings = _check_repeats(Y[..., :n, :], experiment.source)
-        warnings += _check_transients(U, plan.motors) if experiment.beside is None else ()
     if experiment.lines_by_torque:
         warnings = (*warnings, _torque_lines(plan.lines))
     noise = None
@@ -395,15 +394,16 @@ def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def _check_transients(U: np.ndarray, motors: tuple[str, ...]) -> tuple[str, ...]:
-    """A warning where a transient is in the first period; ``U``: spectra as of `_inputs_outputs`."""
-    excess = first_period_excess(np.moveaxis(U, 5, 2))
-    if excess.max() == 1.0:
-        return ()
-    return (
-        f"{TRANSIENT}: the first periods of the torque of {motors[int(excess.argmax())]} differ by {excess.max():.2g} "
-        "times the power of later ones; leave out more transient periods, or remove it (transients=True, --transients)",
-    )
+def _check_transients(experiment: Experiment) -> tuple[str, ...]:
+    """A warning where a transient is in the first period; spectra beside the lines remove all but a slow one."""
+    motors, more = experiment.plan.motors, "leave out more transient periods"
+    if experiment.beside is not None:
+        slow = np.flatnonzero(slow_transients(experiment.q_m))
+        return (f"{TRANSIENT}: in the angle of {motors[slow[0]]}, too slow to be removed; {more}",) if slow.size else ()
+    excess = first_period_excess(experiment.tau_m)
+    first = f"the first periods of the torque of {motors[int(excess.argmax())]} differ by {excess.max():.2g} times the"
+    text = f"{TRANSIENT}: {first} power of later ones; {more}, or remove it (transients=True, --transients)"
+    return () if excess.max() == 1.0 else (text,)
 
 
 def coherence(experiment: Experiment) -> np.ndarray:

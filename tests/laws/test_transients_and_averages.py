@@ -49,6 +49,20 @@ def test_transients_are_removed() -> None:
     assert np.median(removed / left) < 0.01
 
 
+def test_a_transient_that_is_too_slow_to_be_removed_is_stated() -> None:
+    """After one period of 2 s four masses still swing; after twenty they have come to rest."""
+    quiet = DriveHardware(5e-4, encoder_noise_rad=1e-5, torque_noise_Nm=0.002)
+    plan = flexgen.excite("four_mass", poses=[[0.0]], period_s=2.0, lines=40, speed_rms=0.02, hardware=quiet)
+    for periods, found in ((1, True), (20, False)):
+        experiment = flexgen.measure(replace(plan, transients=periods), progress=False)
+        assert experiment.beside is not None
+        for transients in (False, True):
+            said = [x for x in flexgen.frf(experiment, transients=transients).warnings if "a transient remains" in x]
+            assert said == [
+                "a transient remains: in the angle of m1, too slow to be removed; leave out more transient periods"
+            ] * (found)
+
+
 def test_a_removal_with_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     experiment, truth = unsettled(DriveHardware(5e-4))
     real = spectra.without_transients
