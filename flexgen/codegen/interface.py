@@ -384,7 +384,7 @@ _SERVO = Struct(
         Field("integral_gain", "const real *", ("n_m",), "1/s", "k_i, at least 0"),
         Field("speed_feedforward", "real", (), "1", "f, part of the speed of the reference, 0 to 2"),
         Field("reference_filter", "real", (), "s", "T, time constant of the filter of the reference; 0: none"),
-        Field("sample_time", "real", (), "s", "h; the samples of the results are this far apart"),
+        Field("sample_time", "real", (), "s", "h, of the samples of the results; filters need that of the model file"),
         Field("delay", "real", (), "s", "from its sample to the torque; the option delay is delay / h"),
     ),
 )
