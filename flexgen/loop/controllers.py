@@ -62,8 +62,8 @@ class Cascade:
 
     def _sections(self, sample_s: float) -> np.ndarray:
         """(sections, n_m, 5)."""
-        rows = [np.tile(f.section(sample_s), (len(self.speed_gain), 1)) for f in self.filters]
-        return np.array(rows).reshape(len(self.filters), len(self.speed_gain), 5)
+        rows = [f.section(sample_s) for f in self.filters]
+        return np.repeat(np.array(rows).reshape(-1, 1, 5), np.shape(self.speed_gain)[-1], axis=1)
 
     def compiled(self, setup: Setup) -> Compiled:
         """The controller in C, for robots that rest at ``setup.q_m``."""

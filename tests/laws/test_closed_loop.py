@@ -252,6 +252,30 @@ def test_each_robot_has_its_own_parameters():
     assert np.abs(together[:, 0] - together[:, 1]).max() > 1e-6 < np.abs(together[:, 0] - together[:, 2]).max()
 
 
+@pytest.mark.slow
+def test_gains_of_each_robot_go_with_filters():
+    """Robots with gains of their own and two filters are those that run alone."""
+    model = flexgen.read("elbow")
+    library, usual = library_with(model, ("forward_dynamics",)), default_cascade(model)
+    usual = replace(usual, filters=(flexgen.LowPass(300.0), flexgen.Notch(60.0)))
+    factors = np.array([[1.0], [1.1], [0.8]])
+    q_a, q_m = np.tile(model.home, (3, 1)), np.tile(model.eta @ np.array(model.home), (3, 1))
+
+    def run(lanes: list[int]) -> np.ndarray:
+        own = {f"{word}_gain": factors[lanes] * getattr(usual, f"{word}_gain") for word in ("speed", "integral")}
+        own["position_gain"] = np.tile(usual.position_gain, (len(lanes), 1))
+        loop = ClosedLoop(model, library, DriveHardware(T), replace(usual, **own), q_a[lanes], q_m[lanes], 700.0)
+        reference = np.tile(np.concatenate([q_m[:1] + 0.1, np.ones((1, 2))], axis=1), (50, len(lanes), 1))
+        return loop.run(reference, 50).q_m
+
+    together = run([0, 1, 2])
+    for lane in range(3):
+        assert np.array_equal(run([lane])[:, 0], together[:, lane])
+    loop = ClosedLoop(model, library, DriveHardware(T), usual, q_a[:1], q_m[:1], 700.0)
+    reference = np.tile(np.concatenate([q_m[:1] + 0.1, np.ones((1, 2))], axis=1), (50, 1, 1))
+    assert np.array_equal(loop.run(reference, 50).q_m[:, 0], together[:, 0])
+
+
 def test_a_payload_that_moves_nothing_changes_nothing():
     """That of four_mass is on its axis: the function in C has no parameters, and wrote accelerations over them."""
     model = flexgen.read("four_mass")
