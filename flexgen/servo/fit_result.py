@@ -31,9 +31,10 @@ class ServoFit(Result):
     servo : Servo
         With the gains of each motor.
     latency_s : float [s]
-        From the time of a command in the record to its effect.
+        From the time of a command in the record to its effect; for ``"hold"`` to the sample of the servo that it
+        changes first.
     gain_sd : array (3, n_m)
-        Relative standard deviations of position, speed and integral gains.
+        Relative standard deviations of position, speed and integral gains; zero of a gain that stayed zero.
     common_sd : mapping of str to float
         Standard deviations of the numbers that all motors share.
     unexplained : array (n_m,) [rad]

@@ -1,7 +1,8 @@
 """Gains of a position servo from a record of commands and angles: Gauss-Newton on the simulated closed loop.
 
-    min sum |q(t_k; p) - q_k|^2,    p = log k_p, log k_v, log k_i of each motor, speed feedforward, filter, latency
+    min sum |q(t_k; p) - q_k|^2,    p = log k_p, log k_v, log k_i of each motor, speed feedforward, d, latency
 
+Of a filter with the time constant T, d = h/(exp(h/T) - 1) is the delay of a slow signal: unlike T it is smooth at zero.
 Robots with one number changed each are simulated side by side in C, so that a step costs one run.
 """
 
@@ -38,8 +39,7 @@ LONGEST_STEP = 0.7  # of the logarithm of a gain
 COMMON = ("speed_feedforward", "reference_filter_s", "latency_s")
 MOVED = {"speed_feedforward": 1e-3, "reference_filter_s": 1e-5, "latency_s": 1e-5}  # differences for derivatives
 LOG_MOVED = 1e-3
-# Least values in sample times, and largest ones. A filter that is faster than the sampling has no derivative.
-BOUNDS = {"speed_feedforward": (0.0, 2.0), "reference_filter_s": (0.3, 0.2), "latency_s": (0.0, 0.2)}
+LARGEST = {"speed_feedforward": 2.0, "reference_filter_s": 0.19, "latency_s": 0.2}  # least: zero
 FIRST_FILTER = 4  # sample times
 BLOCK_S = 0.25  # of a record, within which residuals depend on each other
 POSES = 20  # of the record, where eigenvalues are computed
@@ -64,8 +64,8 @@ def identify_servo(
     record : ServoRecord or str
         A move of the robot that begins at rest: a record, or its CSV file, see `flexgen.servo.record`.
     servo : Servo, Cascade, PPI, or str, optional
-        Where the search begins; its sample time, delay and torque filters stay. Default: the servo of the model file,
-        and ``"ppi"`` where it has none.
+        Where the search begins; its sample time, delay and torque filters stay, and gains that are zero. Default: the
+        servo of the model file, and ``"ppi"`` where it has none.
     interpolation : str
         Of the robot between two commands: ``"linear"``, ``"cubic"`` or ``"hold"``.
     progress : callable or bool, optional
@@ -117,17 +117,19 @@ def identify_servo(
 
 
 def _change(fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, weight: float) -> np.ndarray:
-    """The step of Levenberg and Marquardt; a number at its bound that would leave it stays."""
+    """The step of Levenberg and Marquardt; a number that would leave its bounds goes to the bound, the others know."""
     scale, change = np.sqrt((J**2).sum(axis=0)) + 1e-300, np.zeros(len(p))
     A, g = (J / scale).T @ (J / scale), (J / scale).T @ e
     free = np.ones(len(p), bool)
     for _ in range(len(COMMON) + 1):
-        part = np.flatnonzero(free)
-        change[:] = 0.0
-        change[part] = -np.linalg.solve(A[np.ix_(part, part)] + weight * np.eye(len(part)), g[part]) / scale[part]
-        leaving = free & (fit.within(p + change) == p) & (change != 0.0)
+        part, rest = np.flatnonzero(free), np.flatnonzero(~free)
+        known = g[part] + A[np.ix_(part, rest)] @ (scale * change)[rest]
+        change[part] = -np.linalg.solve(A[np.ix_(part, part)] + weight * np.eye(len(part)), known) / scale[part]
+        inside = fit.within(p + change) - p
+        leaving = free & (np.abs(inside - change) > 1e-12)
         if not leaving.any():
             break
+        change[leaving] = inside[leaving]
         free &= ~leaving
     return np.asarray(change * min(1.0, LONGEST_STEP / max(np.abs(change[: fit.gains]).max(), 1e-300)))
 
@@ -150,6 +152,16 @@ def _check_record(record: ServoRecord, robot: RobotModel) -> None:
             f"{where}: given a command that moves within the first {1e3 * STILL_S:.0f} ms, expected that it begins "
             "at rest"
         )
+
+
+def delay_of_filter(T: float, h: float) -> float:
+    """Delay [s] of a slow signal in the filter of a reference with time constant T [s], sampled at h [s]."""
+    return float(h / np.expm1(h / T))
+
+
+def filter_of_delay(delay: float, h: float) -> float:
+    """Time constant [s] of the filter of a reference with this delay of a slow signal [s], sampled at h [s]."""
+    return float(h / np.log1p(h / delay)) if delay > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -193,15 +205,23 @@ class _Fit:
         """Number of gains; one that is zero where the search begins stays zero."""
         return 3 * self.robot.n_m
 
+    @property
+    def first_gains(self) -> np.ndarray:
+        """Position, speed and integral gains (3, n_m) where the search begins."""
+        known = self.cascade
+        return np.array([known.position_gain, known.speed_gain, known.integral_gain], float)
+
+    def gains_of(self, p: np.ndarray) -> np.ndarray:
+        """Gains (..., 3, n_m) of parameters (..., gains and others)."""
+        first = self.first_gains
+        return np.where(first > 0.0, np.exp(p[..., : self.gains]).reshape(*p.shape[:-1], *first.shape), 0.0)
+
     def start(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Parameters, residuals and Jacobian where the search begins; lower gains where the loop is unstable."""
-        own = [
-            np.asarray(x, float)
-            for x in (self.cascade.position_gain, self.cascade.speed_gain, self.cascade.integral_gain)
-        ]
         h = self.servo.sample_time
-        common = [self.servo.speed_feedforward, max(self.servo.reference_filter_s, FIRST_FILTER * h), h]
-        p = np.concatenate([np.log(np.maximum(np.concatenate(own), 1e-6)), common])
+        filtered = delay_of_filter(max(self.servo.reference_filter_s, FIRST_FILTER * h), h)
+        common = [self.servo.speed_feedforward, filtered, h]
+        p = np.concatenate([np.log(np.maximum(self.first_gains.ravel(), 1e-6)), common])
         for _ in range(6):
             found = self.run(self.within(p))
             if found is not None:
@@ -213,23 +233,23 @@ class _Fit:
         """Parameters within their bounds."""
         p = p.copy()
         for k, name in enumerate(COMMON, self.gains):
-            low, high = BOUNDS[name]
-            p[k] = np.clip(p[k], low * self.servo.sample_time, high)
+            p[k] = np.clip(p[k], 0.0, LARGEST[name])
         return p
 
     def servo_of(self, p: np.ndarray) -> Servo:
         """The servo with these parameters."""
-        return replace(self.servo, speed_feedforward=float(p[self.gains]), reference_filter_s=float(p[self.gains + 1]))
+        filtered = filter_of_delay(float(p[self.gains + 1]), self.servo.sample_time)
+        return replace(self.servo, speed_feedforward=float(p[self.gains]), reference_filter_s=filtered)
 
     def run(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Residuals (n,) and Jacobian (n, parameters) by simulation of a robot for each parameter; None: unstable."""
         n_m, moved = self.robot.n_m, np.concatenate([np.full(self.gains, LOG_MOVED), [MOVED[name] for name in COMMON]])
         sets = np.vstack([p, p + np.diag(moved)])
-        lanes, gains = len(sets), np.exp(sets[:, : self.gains]).reshape(len(sets), 3, n_m).transpose(1, 0, 2)
+        lanes, gains = len(sets), self.gains_of(sets).transpose(1, 0, 2)
         rows = np.empty((len(self.time), lanes, 2 * n_m))
         rows[:, :, n_m:] = self.rest[1]
-        edges, known = self.record.time, self.record.command @ self.robot.eta.T
-        plain = {late: basis(self.time - late, edges, self.interpolation) @ known for late in set(sets[:, -1])}
+        known = self.record.command @ self.robot.eta.T
+        plain = {late: self._late(late) @ known for late in set(sets[:, -1])}
         for lane, own in enumerate(sets):
             rows[:, lane, :n_m] = filter_reference(self.servo_of(own), plain[own[-1]], gains[0, lane])
         loop = ClosedLoop(
@@ -245,8 +265,19 @@ class _Fit:
         at = np.clip((self.record.time - self.time[0]) / self.servo.sample_time, 0, len(q) - 1)
         j = np.minimum(at.astype(int), len(q) - 2)
         q = q[j] + (at - j)[:, None, None] * (q[j + 1] - q[j])
-        flat = (q - self.measured[:, None]).transpose(1, 0, 2).reshape(lanes, -1)
+        apart = q - self.measured[:, None]
+        flat = (apart - apart.mean(axis=0)).transpose(1, 0, 2).reshape(lanes, -1)  # zeros of the angles are not known
         return flat[0], ((flat[1:] - flat[0]) / moved[:, None]).T
+
+    def _late(self, late: float) -> Any:
+        """Weights of the commands in the reference with a latency [s]; `hold` acts at samples, mixed between."""
+        edges, h = self.record.time, self.servo.sample_time
+        if self.interpolation != "hold":
+            return basis(self.time - late, edges, self.interpolation)
+        whole = np.floor(late / h + 1e-9)
+        part = max(late / h - whole, 0.0)
+        before, after = (basis(self.time - (whole + k) * h, edges, "hold") for k in (0, 1))
+        return (1.0 - part) * before + part * after
 
     def _with_gains(self, gains: np.ndarray) -> Cascade:
         """The cascade with position, speed and integral gains (3, n_m), or of each robot (3, robots, n_m)."""
@@ -258,20 +289,32 @@ class _Fit:
         rest = self.servo.delay - int(self.servo.delay / h + 1e-9) * h
         return rest if rest > 1e-9 * h else 0.0
 
+    def _deviations(self, e: np.ndarray, J: np.ndarray) -> np.ndarray:
+        """Standard deviations of the parameters: what leaving out a block of the record changes (jackknife)."""
+        n_m, n = self.robot.n_m, len(self.record.time)
+        blocks = np.arange(0, n, max(round(BLOCK_S / self.record.period), 1))
+        scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
+        Js = (J / scale).reshape(n, n_m, -1)
+        own = np.add.reduceat(np.einsum("nmp,nmq->npq", Js, Js), blocks)
+        scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, e.reshape(n, n_m)), blocks)
+        without = np.linalg.pinv(own.sum(axis=0) - own, rcond=1e-14, hermitian=True)
+        changes = np.einsum("bpq,bq->bp", without, scores)
+        sd = np.sqrt((changes**2).sum(axis=0) * (1.0 - 1.0 / len(blocks))) / scale
+        return np.asarray(np.where(J.any(axis=0), sd, 0.0))
+
     def result(self, p: np.ndarray, e: np.ndarray, J: np.ndarray) -> ServoFit:
         """The servo with standard deviations, whose residuals may depend on each other within `BLOCK_S`."""
         n_m, n = self.robot.n_m, len(self.record.time)
-        block = max(round(BLOCK_S / self.record.period), 1)
-        scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
-        Js = (J / scale).reshape(n, n_m, -1)
-        inverse = np.linalg.pinv(np.einsum("nmp,nmq->pq", Js, Js), rcond=1e-14)
-        scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, e.reshape(n, n_m)), np.arange(0, n, block))
-        sd = np.sqrt(np.diag(inverse @ (scores.T @ scores) @ inverse)) / scale
-        found = replace(self.servo_of(p), feedback=self._with_gains(np.exp(p[: self.gains]).reshape(3, n_m)))
+        sd = self._deviations(e, J)
+        feedback = self._with_gains(self.gains_of(p))
+        found = replace(self.servo_of(p), feedback=feedback)
         lag = (self.record.command - self.record.angle) @ self.robot.eta.T
         unexplained = np.sqrt((e.reshape(n, n_m) ** 2).mean(axis=0))
         of_all = max(float(1.0 - (e**2).sum() / max(((lag - lag[0]) ** 2).sum(), 1e-300)), 0.0)
-        common = dict(zip(COMMON, map(float, sd[self.gains :]), strict=True))
+        own, delayed, h = sd[self.gains :], p[self.gains + 1], self.servo.sample_time
+        near = [filter_of_delay(max(delayed + x, 0.0), h) for x in (-own[1], 0.0, own[1])]
+        own[1] = np.abs(np.diff(near)).max()
+        common = dict(zip(COMMON, map(float, own), strict=True))
         return ServoFit(
             servo=found,
             latency_s=float(p[-1]),
