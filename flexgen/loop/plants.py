@@ -98,8 +98,8 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
         if not 0 <= given <= LARGEST_FACTOR:
             raise ArgumentError(f"{what}: given the factor {given}, expected 0 to {LARGEST_FACTOR:g}")
         known = _select_known(model, key)
-        if not known:
-            raise ArgumentError(f"{what}: the model {model.name} has no number of this kind")
+        if not known or (len(changes) == 1 and given != 1 and key not in KINDS and not any(p.value for p in known)):
+            raise ArgumentError(f"{what}: the model {model.name} has no number of this kind{' but 0' * bool(known)}")
         for parameter in known:
             if key not in KINDS or key == "lost_motion" or parameter.unit in FORCES:
                 out[parameter.name] = parameter.value * given

@@ -87,6 +87,10 @@ def test_numbers_of_plants_are_factors_and_added_loads() -> None:
         assert str(caught.value) == message
     edges = plants.plants_of(model, {"a": {"stiffness": 100.0, "payload": 1e5}, "b": {"damping": 0.0}})
     assert edges.values.max() > 0 and edges.loads[0].startswith("+100000 kg ")
+    with pytest.raises(
+        ArgumentError, match=r"^plant a, payload.mass: the model elbow has no number of this kind but 0$"
+    ):
+        plants.plants_of(flexgen.read("elbow"), {"a": {"payload.mass": 50.0}})  # a factor on it changes nothing
     with pytest.raises(ArgumentError, match=r"^plant a: given 3, expected changes such as "):
         plants.plants_of(model, {"a": 3})  # type: ignore[dict-item]
 
