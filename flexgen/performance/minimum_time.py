@@ -217,6 +217,7 @@ def fastest(
     against : str, optional
         ``"95 %"``: of the robots drawn from the table ``[uncertainty]`` of the model, 95 % keep the torque limits at
         each instant with the motor feedback of `flexgen.predict`; the search is repeated with what it leaves of them.
+        Not with torque-speed curves.
     force : array (n, 3), callable or file, optional [N]
         Of a process on the tool over the place on the path: `flexgen.paths.place_force`. The limits are kept with it.
     time_limit : float or None [s]
@@ -255,6 +256,8 @@ def fastest(
     robot = robot_of(model)
     if against is not None and robot.uncertainty is None:
         raise ArgumentError(f"against: given {robot.title} without a table [uncertainty], expected one in its file")
+    if against is not None and (limits or Limits()).merge(robot).torque_speed is not None:
+        raise ArgumentError("against: given with torque-speed curves, expected none; Limits(reserve=) leaves torque")
     check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
     try:
         with running(time_limit or None):

@@ -173,6 +173,14 @@ def test_file_command_and_errors(tmp_path, capsys):
         flexgen.fastest("manutec_r3_24", force=grinding, against="95 %")
 
 
+def test_the_feedback_of_many_robots_is_not_promised_within_curves():
+    """Its torque was compared with the largest one alone, not with what a curve leaves at a speed."""
+    robot = flexgen.read(MODEL, overrides={"uncertainty": {"stiffness": 0.1}})
+    limits = flexgen.Limits(torque_speed=(((0.0, 30.0), (900.0, 1.0)), ()))
+    with pytest.raises(ArgumentError, match="against: given with torque-speed curves"):
+        flexgen.fastest(robot, limits=limits, against="95 %")
+
+
 def test_places_are_those_of_the_time_law():
     path = flexgen.plan(MODEL)
     t = np.linspace(-0.1, path.duration + 0.1, 50)
