@@ -59,9 +59,11 @@ def test_the_least_change_of_an_inertia_makes_it_valid() -> None:
     along = np.eye(3) - np.outer(R[:, 2], R[:, 2])
     found = mujoco_inertia._find_least(inertia, along)
     best = minimize_scalar(
-        lambda c: c + 1e6 * max(mujoco_inertia.missing(inertia + c * along), 0.0), bounds=(0.0, 2.0), method="bounded",
+        lambda c: c + 1e6 * max(mujoco_inertia.missing(inertia + c * along), 0.0),
+        bounds=(0.0, 2.0),
+        method="bounded",
         options={"xatol": 1e-10},
-    )  # fmt: skip
+    )
     assert found == pytest.approx(best.x, rel=1e-5) and found == pytest.approx(0.3, rel=1e-6)
     large = R @ np.diag([0.0, 0.0, 1.0]) @ R.T
     assert mujoco_inertia._find_least(large, np.eye(3) - np.outer(R[:, 0], R[:, 0])) is None

@@ -26,9 +26,14 @@ def experiment() -> Experiment:
     """Random spectra of all kinds that an experiment may have, with two channels of sensors."""
     rng = np.random.default_rng(1)
     plan = flexgen.excite(
-        "elbow", poses=[[0.5, -0.3], [0.1, 0.4]], period_s=0.5, lines=5, periods=3, hardware=DriveHardware(1e-3),
+        "elbow",
+        poses=[[0.5, -0.3], [0.1, 0.4]],
+        period_s=0.5,
+        lines=5,
+        periods=3,
+        hardware=DriveHardware(1e-3),
         progress=False,
-    )  # fmt: skip
+    )
     filters = (LowPass(80.0), Notch(30.0, 0.2, 0.5))
     plan = replace(plan, sensors=("acc.x", "acc.y"), controller=replace(plan.controller, filters=filters))
 
@@ -36,10 +41,21 @@ def experiment() -> Experiment:
         return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
 
     return Experiment(
-        plan, spectra(*SHAPE), spectra(*SHAPE), rng.uniform(1, 2, (2, 2)), np.array([0.0, 0.25]), "run", "none",
-        spectra(*SHAPE[:-1], 2), np.array([-1, 1, 2]), spectra(2, 1, 2, 3, 5, 6), (0, 1), False,
-        rng.standard_normal((2, 1, 2, plan.samples, 2)), True,
-    )  # fmt: skip
+        plan,
+        spectra(*SHAPE),
+        spectra(*SHAPE),
+        rng.uniform(1, 2, (2, 2)),
+        np.array([0.0, 0.25]),
+        "run",
+        "none",
+        spectra(*SHAPE[:-1], 2),
+        np.array([-1, 1, 2]),
+        spectra(2, 1, 2, 3, 5, 6),
+        (0, 1),
+        False,
+        rng.standard_normal((2, 1, 2, plan.samples, 2)),
+        True,
+    )
 
 
 def test_an_experiment_is_read_as_it_was_written(experiment: Experiment, tmp_path: Path) -> None:

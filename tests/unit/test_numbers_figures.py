@@ -108,10 +108,16 @@ def test_figures_of_a_run_of_the_robustness_study(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(robustness, "output_errors", lambda equations, path, t, q_a: {"m": error})
     found = made.figures()
     assert found == {
-        "error_max_m": 13.0, "error_max_rad": None, "error_start_m": 5.0, "error_start_rad": None,
-        "error_moved_m": pytest.approx(np.hypot(3.0, 9.0)), "error_moved_rad": None, "error_end_m": 10.0,
-        "error_end_rad": None, "torque_max_Nm": 7.0,
-    }  # fmt: skip
+        "error_max_m": 13.0,
+        "error_max_rad": None,
+        "error_start_m": 5.0,
+        "error_start_rad": None,
+        "error_moved_m": pytest.approx(np.hypot(3.0, 9.0)),
+        "error_moved_rad": None,
+        "error_end_m": 10.0,
+        "error_end_rad": None,
+        "torque_max_Nm": 7.0,
+    }
     made.path.duration = 2.0  # beyond the run: its last instant
     assert made.figures()["error_end_m"] == 1.0
 
@@ -143,10 +149,18 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
         return "found"
 
     vars(made).update(
-        library=SimpleNamespace(invert=invert), period=1e-3, path=SimpleNamespace(q_start="start"), n_pre=3, n_post=4,
-        samples_per_interval=2, time=np.array([0.25, 1.0]), sample_s=1e-3, delay_s=0.0, _grid="grid",
+        library=SimpleNamespace(invert=invert),
+        period=1e-3,
+        path=SimpleNamespace(q_start="start"),
+        n_pre=3,
+        n_post=4,
+        samples_per_interval=2,
+        time=np.array([0.25, 1.0]),
+        sample_s=1e-3,
+        delay_s=0.0,
+        _grid="grid",
         _local=SimpleNamespace(rests=lambda motion, values: (motion, values)),
-    )  # fmt: skip
+    )
     monkeypatch.setattr(learn, "trajectory_of", lambda found, first, name: (found, first, name))
     reference = SimpleNamespace(motion="motion")
     monkeypatch.setattr(learn, "motion_reference", lambda *given: asked.update(given=given) or reference)
@@ -159,9 +173,11 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
 def test_rows_of_moves_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
     """Largest of the motors, work of all; nothing is iterated and nothing begins before the path."""
     peaks = SimpleNamespace(
-        torque_max=np.array([[1.0, 3.0], [5.0, 2.0]]), torque_rms=np.array([[0.5, 0.25], [1.0, 2.0]]),
-        speed_max=np.array([[7.0, 8.0], [9.0, 6.0]]), energy=np.array([[1.0, 2.0], [3.0, 4.0]]),
-    )  # fmt: skip
+        torque_max=np.array([[1.0, 3.0], [5.0, 2.0]]),
+        torque_rms=np.array([[0.5, 0.25], [1.0, 2.0]]),
+        speed_max=np.array([[7.0, 8.0], [9.0, 6.0]]),
+        energy=np.array([[1.0, 2.0], [3.0, 4.0]]),
+    )
     monkeypatch.setattr(batches, "_beyond", lambda *given: np.array([False, True]))
     monkeypatch.setattr(batches, "_warnings", lambda robot, peaks, starts, ends, k: (f"row {k}", "more"))
     mover: Any = SimpleNamespace(peaks=lambda starts, ends: peaks, n=201)
@@ -175,12 +191,21 @@ def test_rows_of_moves_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
         "preactuation": 0.0,
     }
     assert found[0] == same | {
-        "status": "solved", "torque_max": 3.0, "torque_rms": 0.5, "speed_max": 8.0, "energy": 3.0, "warnings": "",
-    }  # fmt: skip
+        "status": "solved",
+        "torque_max": 3.0,
+        "torque_rms": 0.5,
+        "speed_max": 8.0,
+        "energy": 3.0,
+        "warnings": "",
+    }
     assert found[1] == same | {
-        "status": "limits exceeded", "torque_max": 5.0, "torque_rms": 2.0, "speed_max": 9.0, "energy": 7.0,
+        "status": "limits exceeded",
+        "torque_max": 5.0,
+        "torque_rms": 2.0,
+        "speed_max": 9.0,
+        "energy": 7.0,
         "warnings": "row 1\nmore",
-    }  # fmt: skip
+    }
 
 
 # --- texts and files --------------------------------------------------------------------------------------------------

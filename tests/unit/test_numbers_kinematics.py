@@ -63,9 +63,15 @@ def solver(lower: float | None = None, upper: float | None = None) -> Any:
     model = SimpleNamespace(name="gantry", coordinates=coordinates, n_a=6)
     rotary = np.array([False] * 3 + [True] * 3)
     vars(made).update(
-        model=model, i_g=list(range(6)), free=list(range(6)), base=np.zeros(6), rotary=rotary, library=Gantry(),
-        length=LENGTH, _at=list(range(6)),
-    )  # fmt: skip
+        model=model,
+        i_g=list(range(6)),
+        free=list(range(6)),
+        base=np.zeros(6),
+        rotary=rotary,
+        library=Gantry(),
+        length=LENGTH,
+        _at=list(range(6)),
+    )
     return made
 
 

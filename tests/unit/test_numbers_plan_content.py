@@ -150,9 +150,18 @@ def small(**more: Any) -> Any:
     low, high = np.array([[-1.0, -2.0]]), np.array([[4.0, np.inf]])
     times = np.array([[0.0, 0.25], [0.0, 0.75]])
     block = Block(
-        z, p, where, np.array([[2.0, 3.0]]), p * z[0] ** 2 + z[1], low, high, ["row"], p * (z[0] - 1) ** 2,
-        ca.SX(0, 1), times,
-    )  # fmt: skip
+        z,
+        p,
+        where,
+        np.array([[2.0, 3.0]]),
+        p * z[0] ** 2 + z[1],
+        low,
+        high,
+        ["row"],
+        p * (z[0] - 1) ** 2,
+        ca.SX(0, 1),
+        times,
+    )
     matrix = np.array([[0.0, 1.0, 0.0, -1.0, 2.0]])
     scale, guess = np.array([1.0, 2.0, 0.5, 4.0, 10.0]), np.array([2.0, 1.0, -1.0, 3.0, 5.0])
     return program(5, [block], (sp.csc_matrix(matrix), ["linear"], np.array([0.1])), scale, guess, **more), scale, guess
@@ -264,9 +273,12 @@ def test_what_is_not_finite_is_named() -> None:
 def test_the_worst_row_is_named_with_its_time() -> None:
     """Of two phases: the time counts from the beginning of the problem; sizes are those before they were scaled."""
     made: Any = SimpleNamespace(
-        lower=np.array([-1.0, 0.0, 0.0]), upper=np.array([1.0, 0.0, 2.0]), names=["a", "b", "c"],
-        times=np.array([[0.0, 0.5], [np.nan, np.nan], [1.0, 0.25]]), scale=np.array([0.1, 2.0, 0.5]),
-    )  # fmt: skip
+        lower=np.array([-1.0, 0.0, 0.0]),
+        upper=np.array([1.0, 0.0, 2.0]),
+        names=["a", "b", "c"],
+        times=np.array([[0.0, 0.5], [np.nan, np.nan], [1.0, 0.25]]),
+        scale=np.array([0.1, 2.0, 0.5]),
+    )
     layout: Any = SimpleNamespace(theta=np.array([3, 4, 5]))
     x = np.array([0.0, 0.0, 0.0, 2.0, 4.0, 9.0])
 
@@ -284,6 +296,12 @@ def test_the_worst_row_is_named_with_its_time() -> None:
         SolverError, match=r"^plan: IPOPT ended with 'stuck' and numbers that are not finite; the larges"
     ):
         result.make_solution(
-            None, layout, made, SimpleNamespace(g=np.array([3.0, 0.0, 0.0]), status="stuck"), np.full(6, np.nan), 1e-5,
-            False, None,
-        )  # type: ignore[arg-type]  # fmt: skip
+            None,
+            layout,
+            made,
+            SimpleNamespace(g=np.array([3.0, 0.0, 0.0]), status="stuck"),
+            np.full(6, np.nan),
+            1e-5,
+            False,
+            None,
+        )  # type: ignore[arg-type]

@@ -163,10 +163,16 @@ def made_up(**more: Any) -> Calibration:
     commands = rng.uniform([-1.0, -0.5], [0.5, 1.5], (12, 2))
     found = object.__new__(Calibration)
     fields = {
-        "nominal": model, "unknowns": unknowns, "x": x, "covariance": root @ root,
-        "poses": Commands(commands), "errors": np.full((12, 2), 2e-4),
-        "errors_before": np.full((12, 2), 1e-3), "errors_held_out": None, "converged": True,
-    }  # fmt: skip
+        "nominal": model,
+        "unknowns": unknowns,
+        "x": x,
+        "covariance": root @ root,
+        "poses": Commands(commands),
+        "errors": np.full((12, 2), 2e-4),
+        "errors_before": np.full((12, 2), 1e-3),
+        "errors_held_out": None,
+        "converged": True,
+    }
     for name, value in (fields | more).items():
         object.__setattr__(found, name, value)
     return found

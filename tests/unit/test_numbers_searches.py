@@ -158,9 +158,12 @@ def test_gains_of_a_smoother_are_those_of_a_long_recursion() -> None:
     made, force = object.__new__(PathSmoother), np.array([2.0, 0.7])
     index = np.array([0, 2])
     vars(made).update(
-        model=model, sample_s=h, _force=force, _torque=Noises(model, smoother.TORQUE_NOISE, smoother.DISTURBANCE_RATE),
+        model=model,
+        sample_s=h,
+        _force=force,
+        _torque=Noises(model, smoother.TORQUE_NOISE, smoother.DISTURBANCE_RATE),
         channels=SimpleNamespace(index=index, noise=np.array([1e-3, 2e-3])),
-    )  # fmt: skip
+    )
     F, G, C_all, D_own, M, J = made._gains(at)
     largest, size = np.array([20.0, 20.0]), n + m + forces
     whole = expm(h * np.block([[A, B, arm * force], [np.zeros((m + forces, size))]]))

@@ -273,9 +273,12 @@ def test_limits_are_kept_by_another_path_where_they_are_active(
         return Result(np.array([0.0, 1.0]), {"x": 1})
 
     for name, value in {
-        "_Bounds": Bounds, "from_library": result, "_modify_path": lambda *given: (5, found),
-        "hysteretic_joints": lambda robot: ["q1"] if memory else [], "bristled_motors": lambda robot: [],
-    }.items():  # fmt: skip
+        "_Bounds": Bounds,
+        "from_library": result,
+        "_modify_path": lambda *given: (5, found),
+        "hysteretic_joints": lambda robot: ["q1"] if memory else [],
+        "bristled_motors": lambda robot: [],
+    }.items():
         monkeypatch.setattr(limits, name, value)
     problem: Any = SimpleNamespace(
         limits="limits", equations=SimpleNamespace(model="arm"), log=calls.append, path=SimpleNamespace(pose=True)

@@ -335,10 +335,22 @@ def a_prediction(output: str = "tool_position", **changed: Any) -> Prediction:
     made = object.__new__(Prediction)
     shares = (Share("a", "x", 0.75), Share("b", "y", 0.2451), Share("c", "y", 0.004))
     fields = {
-        "solution": solution, "feedback": SimpleNamespace(title="cascade"), "sources": tuple("abc"), "sd": np.ones(3),
-        "robots": 48, "seed": 0, "error_m": 1.5e-4, "error_rad": 2e-3, "errors_m": None, "errors_rad": None,
-        "time": np.zeros(1), "torque": band, "deflection": band, "shares": shares, "to_halve": ("a", "b"),
-    }  # fmt: skip
+        "solution": solution,
+        "feedback": SimpleNamespace(title="cascade"),
+        "sources": tuple("abc"),
+        "sd": np.ones(3),
+        "robots": 48,
+        "seed": 0,
+        "error_m": 1.5e-4,
+        "error_rad": 2e-3,
+        "errors_m": None,
+        "errors_rad": None,
+        "time": np.zeros(1),
+        "torque": band,
+        "deflection": band,
+        "shares": shares,
+        "to_halve": ("a", "b"),
+    }
     for name, value in (fields | changed).items():
         object.__setattr__(made, name, value)
     return made

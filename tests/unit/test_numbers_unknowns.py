@@ -175,9 +175,12 @@ def test_the_filter_of_learning_is_below_the_sampling_frequency(monkeypatch: pyt
         raise SolverError("enough")
 
     replaced = {
-        "control_case": lambda *given, **more: case, "_Commanded": lambda *given: commanded, "_iterate": iterate,
-        "controller_of": lambda *given: ("law", "title"), "lowest_locked_hz": lambda model, motion: lowest,
-    }  # fmt: skip
+        "control_case": lambda *given, **more: case,
+        "_Commanded": lambda *given: commanded,
+        "_iterate": iterate,
+        "controller_of": lambda *given: ("law", "title"),
+        "lowest_locked_hz": lambda model, motion: lowest,
+    }
     for name, value in replaced.items():
         monkeypatch.setattr(learn, name, value)
     lowest: float | None = 20.0
@@ -283,9 +286,12 @@ def test_the_strangeness_index_is_searched_until_all_points_have_one(
 
     series = SimpleNamespace(jacobians=lambda x: ([0, 1], [0, 1]))
     replaced = {
-        "TaylorArray": lambda dae: series, "InverseDae": lambda equations: None, "consistent": consistent,
-        "characterize": characterize, "structural_index": lambda equations: SimpleNamespace(index=3),
-    }  # fmt: skip
+        "TaylorArray": lambda dae: series,
+        "InverseDae": lambda equations: None,
+        "consistent": consistent,
+        "characterize": characterize,
+        "structural_index": lambda equations: SimpleNamespace(index=3),
+    }
     for name, value in replaced.items():
         monkeypatch.setattr(strangeness_index, name, value)
     reference: Any = SimpleNamespace(duration=1.0)

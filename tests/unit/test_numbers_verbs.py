@@ -237,9 +237,15 @@ def test_torques_of_segments_are_those_of_the_recording() -> None:
     held = np.arange(10.0)[:, None] * [1.0, -2.0]
     curve = lambda t: np.stack([np.asarray(t) ** 2, 1.0 + np.asarray(t)], axis=-1)  # noqa: E731
     vars(made).update(
-        sample_s=0.5, steps=2, samples=3, starts=[(0, 2), (1, 1)], model=SimpleNamespace(n_m=2), _curves=[held, curve],
-        _times=[0.0, 4.0], measured=[np.zeros(10), np.zeros(6)],
-    )  # fmt: skip
+        sample_s=0.5,
+        steps=2,
+        samples=3,
+        starts=[(0, 2), (1, 1)],
+        model=SimpleNamespace(n_m=2),
+        _curves=[held, curve],
+        _times=[0.0, 4.0],
+        measured=[np.zeros(10), np.zeros(6)],
+    )
     found = made._torque(0.6)
     assert found.shape == (2, 6, 3, 2)
     nodes = 0.25 * (np.arange(6)[:, None] + [0.0, 0.5, 1.0])
