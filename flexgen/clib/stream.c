@@ -447,6 +447,9 @@ static void set_equilibrium(real *s, const layout *l, const real *target, const 
     for (int i = NT; i < REFERENCE; ++i) {
         equilibrium[i] = 0.0;
     }
+#if MODEL_FORCE
+    copy(FORCE_OF(s + l->space), FORCES, equilibrium + NT + 2 * NY);
+#endif /* MODEL_FORCE */
     for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
         copy(equilibrium, REFERENCE, s + l->reference + k * REFERENCE);
     }
@@ -476,10 +479,17 @@ static void set_equilibrium(real *s, const layout *l, const real *target, const 
 }
 
 /* Deflections of the gears at the equilibrium q. */
+#if MODEL_FORCE
+static int deflection_at_equilibrium(const real *target, const real *q, real *deflection, real *space)
+#else  /* MODEL_FORCE */
 static int deflection_at_equilibrium(const real *q, real *deflection, real *space)
+#endif /* MODEL_FORCE */
 {
     static const real zero[NA] = {0.0};
     real tau[NG], stiffness[NG];
+#if MODEL_FORCE
+    real error[NY], W[NA * NY], bias[NY];
+#endif /* MODEL_FORCE */
     int status;
 #if MODEL_NE > 0
     real row[NE];
@@ -490,6 +500,17 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     if (status != MODEL_OK) {
         return status;
     }
+#if MODEL_FORCE
+    status = inner_status(evaluate_output_constraint(q, zero, target, error, W, bias, space));
+    if (status != MODEL_OK) {
+        return status;
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int j = 0; j < NY; ++j) {
+            tau[i] -= W[i_g[i] * NY + j] * FORCE_OF(space)[j];
+        }
+    }
+#endif /* MODEL_FORCE */
     return static_deflections(tau, 1, zero, deflection, stiffness, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
 }
 
@@ -525,6 +546,11 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     if (!is_finite(y, NT) || !is_finite(parameters_given, PARAMETERS) || !is_finite(q_start, NA)) {
         return MODEL_INPUT_NOT_FINITE;
     }
+#if MODEL_FORCE
+    if (options->force != NULL && !is_finite(options->force, NY)) {
+        return MODEL_INPUT_NOT_FINITE;
+    }
+#endif /* MODEL_FORCE */
 #if MODEL_POSE
     if (!is_rotation(y + 3)) {
         return MODEL_BAD_ARGUMENT;
@@ -534,6 +560,9 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     keep_parameters(parameters_given, space);
 #if MODEL_FORCE
     set_zero(FORCE_OF(space), FORCES);
+    if (options->force != NULL) {
+        copy(options->force, NY, FORCE_OF(space));
+    }
 #endif /* MODEL_FORCE */
     copy(q_start, NA, q);
     stream[INTERVALS] = (real)options->intervals;
@@ -576,7 +605,11 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
         }
     }
 #endif
+#if MODEL_FORCE
+    status = deflection_at_equilibrium(y, q, stream + l.now, space);
+#else  /* MODEL_FORCE */
     status = deflection_at_equilibrium(q, stream + l.now, space);
+#endif /* MODEL_FORCE */
 #if MODEL_LUGRE
     for (int i = 0; i < BRISTLES + PAST_IMPULSES; ++i) {
         stream[l.bristles + i] = 0.0;
@@ -912,6 +945,11 @@ static model_status check_samples(const model_samples *p)
         if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) || !is_finite(p->ddy + k * NY, NY)) {
             return MODEL_INPUT_NOT_FINITE;
         }
+#if MODEL_FORCE
+        if (p->force != NULL && !is_finite(p->force + k * FORCES, FORCES)) {
+            return MODEL_INPUT_NOT_FINITE;
+        }
+#endif /* MODEL_FORCE */
     }
 #if MODEL_POSE
     for (ptrdiff_t k = 0; k < p->n; ++k) {
@@ -934,6 +972,9 @@ COLD model_status model_stream_start_moving(const model_stream *given, const mod
 #endif /* MODEL_POSITION */
     model_stream_info info;
     model_status status;
+#if MODEL_FORCE
+    model_stream_options at_force;
+#endif /* MODEL_FORCE */
     ptrdiff_t now;
     layout l;
     real q[NA], *stream = given == NULL ? NULL : given->memory;
@@ -955,6 +996,11 @@ COLD model_status model_stream_start_moving(const model_stream *given, const mod
         return status;
     }
     now = path->n - 1 - SILENT_UPDATES - options->intervals;
+#if MODEL_FORCE
+    at_force = *options;
+    at_force.force = path->force == NULL ? NULL : path->force + now * FORCES;
+    options = &at_force;
+#endif /* MODEL_FORCE */
     status = model_stream_start(given, options, path->y + now * NT, PASSED_PARAMETERS q_start);
     if (status != MODEL_OK) {
         return status;
@@ -963,6 +1009,11 @@ COLD model_status model_stream_start_moving(const model_stream *given, const mod
     joints_at_start(stream, &l, q);
     status = (model_status)set_moving(stream, &l, path, now, q);
     for (ptrdiff_t k = path->n - SILENT_UPDATES; k < path->n && status >= MODEL_OK; ++k) {
+#if MODEL_FORCE
+        if (path->force != NULL) {
+            copy(path->force + k * FORCES, FORCES, FORCE_OF(stream + l.space));
+        }
+#endif /* MODEL_FORCE */
         status = model_stream_update(given, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
     }
     if (status < MODEL_OK) {

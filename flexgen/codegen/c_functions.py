@@ -303,8 +303,8 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "stream.c",
         "Set the force on the output at the samples that follow: that of the next update, and of later ones until it "
         "is set again.",
-        "A stream starts without a force, at the equilibrium without one. Set the force of each sample before its "
-        "update; a force that begins with a step cannot be followed exactly.",
+        "A stream starts at the equilibrium with the force of its options, which is that of all samples until it is "
+        "set. Set the force of each sample before its update; a force that has a step cannot be followed exactly.",
         (
             _STREAM,
             Field(

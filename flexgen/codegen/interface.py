@@ -373,6 +373,15 @@ _FORCE = Field(
     "force on the output, dual to dy: of a pose force [N], then torque [N m] on the tool, world axes; then its first "
     "and its second time derivative. Before the first and after the last sample it stays as it is there. Null: none",
 )
+_HELD_FORCE = Field(
+    "force",
+    "const real *",
+    ("n_y",),
+    "mixed",
+    "force on the output at the start, as in samples; it stays until stream_force. stream_start_moving takes that of "
+    "its samples. Null: none",
+    "0",
+)
 
 
 _SERVO = Struct(
@@ -413,7 +422,8 @@ _COMMANDS = (
 def structs_with(force: bool, position: bool) -> tuple[Struct, ...]:
     """The structs of a library, with forces in the samples of a path, with commands of position, or without."""
     more: dict[str, tuple[Field, ...]] = {"samples": (_FORCE,)} if force else {}
-    more |= {"inversion_options": (_OF_SERVO,), "stream_options": (_OF_SERVO,), "motion": _COMMANDS} if position else {}
+    more |= {"inversion_options": (_OF_SERVO,), "motion": _COMMANDS} if position else {}
+    more |= {"stream_options": (*(_HELD_FORCE,) * force, *(_OF_SERVO,) * position)}
     return tuple(
         replace(s, fields=(*s.fields, *more.get(s.name, ()))) for s in (*(_SERVO, _INTERFACE) * position, *STRUCTS)
     )

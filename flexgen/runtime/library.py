@@ -192,6 +192,7 @@ class Library:
         dy: Any = None,
         ddy: Any = None,
         servo: Any = None,
+        force: Any = None,
     ) -> Stream:
         """Start inverse dynamics on a moving horizon, at rest at a given output or in motion.
 
@@ -202,10 +203,8 @@ class Library:
             n_t), one sample per update; the first update takes the next one and gives the interval from sample 16 on.
         q_start : array (n_a,)
             Initial guess of the arm's equilibrium there (in motion: at sample 7) [rad, m].
-        period : float
-            Time between two updates [s].
-        intervals : int
-            Intervals of the horizon, one per update.
+        period, intervals : float [s], int
+            Time between two updates; intervals of the horizon, one per update.
         samples_per_interval : int
             Samples of the results per update.
         tolerance : float, optional
@@ -216,13 +215,14 @@ class Library:
         delay : float
             From a sample until the motor has its torque, in samples, 0 to 4.
         parameters : array (n_p,), optional
-            Run-time parameters, where the library has any; default: those of the model file. `Stream.set_parameters`
-            changes them.
+            Run-time parameters; default: those of the model file. `Stream.set_parameters` changes them.
         dy, ddy : array (intervals + 16, n_y), optional
             First and second derivatives of the output, for a stream that starts in motion. Coordinates without motor
             are then in quasi-static motion; what differs from it in the real arm decays with the stable zeros.
         servo : True or mapping, optional
             The positions to send too, as `Library.invert` takes it; the stream starts at rest.
+        force : array (n_y,), optional
+            Of a library with it: on the output until `Stream.set_force`. In motion (intervals + 16, 3 n_y), as there.
 
         Returns
         -------
@@ -254,6 +254,7 @@ class Library:
             dy=dy,
             ddy=ddy,
             servo=servo,
+            force=force,
         )
 
     @property

@@ -127,6 +127,7 @@ class Stream:
         dy: Any = None,
         ddy: Any = None,
         servo: Any = None,
+        force: Any = None,
     ) -> None:
         self.intervals = whole_of("stream", "intervals", intervals)
         self.samples_per_interval = whole_of("stream", "samples_per_interval", samples_per_interval)
@@ -141,6 +142,10 @@ class Stream:
         fine = self.period / max(self.samples_per_interval, 1)
         own = hold_of(entries.interface, "stream", hold, delay)
         own |= servo_options(entries.servo, "stream", servo, fine, hold, delay)
+        if force is not None:
+            self._refuse_force()
+        if force is not None and dy is None and ddy is None:
+            own["force"] = array_of("stream", "force", force, (self._sizes["n_y"],), real)
         options = struct_of(
             entries.structs["stream_options"],
             intervals=self.intervals,
@@ -164,18 +169,26 @@ class Stream:
             at = array_of("stream", "y", y, (self._sizes["n_t"],), real)
             status = entries.start(*memory, pointer(at), *pointers(held), pointer(q))
         else:
-            arrays = self._samples(y, dy, ddy)
+            arrays = self._samples(y, dy, ddy, force)
             path = struct_of(entries.structs["samples"], n=len(arrays["y"]), period=self.period, **arrays)
             status = entries.start_moving(*memory, ctypes.byref(path), *pointers(held), pointer(q))
         self._refuse(int(status))
         self._bind()
 
-    def _samples(self, y: Any, dy: Any, ddy: Any) -> dict[str, np.ndarray]:
-        """The samples of the path of a stream that starts in motion, checked."""
+    def _samples(self, y: Any, dy: Any, ddy: Any, force: Any) -> dict[str, np.ndarray]:
+        """The samples of the path of a stream that starts in motion, and of the force on it, checked."""
         n = self.intervals + self._entries.interface.limits["STREAM_MORE_SAMPLES"]
-        widths = {"y": (y, "n_t"), "dy": (dy, "n_y"), "ddy": (ddy, "n_y")}
-        real, sizes = self._entries.real, self._sizes
-        return {key: array_of("stream", key, x, (n, sizes[width]), real) for key, (x, width) in widths.items()}
+        n_t, n_y = self._sizes["n_t"], self._sizes["n_y"]
+        columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
+        if force is not None:
+            columns["force"] = (force, 3 * n_y)
+        return {key: array_of("stream", key, x, (n, width), self._entries.real) for key, (x, width) in columns.items()}
+
+    def _refuse_force(self) -> None:
+        if self._entries.push is None:
+            raise ArgumentError(
+                "stream: given a force, expected a library that was generated with parts=['force'] (--parts force)"
+            )
 
     def _handle(self) -> ctypes.Structure:
         """The stream in C; its memory is that of this object."""
@@ -397,8 +410,8 @@ class Stream:
     def set_force(self, force: Any) -> None:
         """Set the force on the output at the next sample of the path, and at those after it until it is set again.
 
-        A stream starts without a force. Set the force of each sample before its update; one that begins with a step
-        cannot be followed exactly.
+        A stream has the force of its start until then. Set the force of each sample before its update; one that has a
+        step cannot be followed exactly.
 
         Parameters
         ----------
@@ -412,10 +425,8 @@ class Stream:
             Where the library was generated without the part ``"force"``, or a number is not finite.
         """
         self._entries.refuse_closed()
-        if self._entries.push is None:
-            raise ArgumentError(
-                "stream: given a force, expected a library that was generated with parts=['force'] (--parts force)"
-            )
+        self._refuse_force()
+        assert self._entries.push is not None
         values = array_of("stream", "force", force, (3 * self._sizes["n_y"],), self._entries.real)
         if not self._lock.acquire(blocking=False):
             raise ArgumentError("stream: given a force while an update runs, expected one after the other")

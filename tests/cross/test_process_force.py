@@ -12,6 +12,7 @@ import math
 import numpy as np
 import pytest
 from clib_planted import plant_in_c
+from hysteretic import hysteretic
 from process_forces import PLANE, SIZE, duration_of, error_in_mujoco, milling
 
 import flexgen
@@ -257,6 +258,48 @@ def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
         plain.stream(y[0], path.q_start, period=period, intervals=ahead, samples_per_interval=1).set_force(F[0])
     with pytest.raises(ArgumentError, match="library without forces"):
         plain.invert(y, dy, ddy, force=F, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["planar5_nmp", "hysteretic"])
+def test_a_stream_begins_with_the_force(name, tmp_path):
+    """At rest in equilibrium with it, in motion with that of its samples; without, the torques are off by more."""
+    model = hysteretic("elbow") if name == "hysteretic" else flexgen.read(name)
+    path, period, ahead, before = flexgen.plan(model), 2e-3, 40, 60
+    t = np.arange(round(path.duration / period) + 1) * period
+    y, dy, ddy = (np.ascontiguousarray(x) for x in path.sample(t).y.transpose(2, 0, 1)[:3])
+    turned = 1.0 + 0.3 * np.sin(4.0 * t)[:, None] ** 4  # constant at first
+    rate, second = (np.gradient(x, period, axis=0) for x in (turned, np.gradient(turned, period, axis=0)))
+    F = np.hstack([x * np.array([30.0, -100.0]) for x in (turned, rate, second)])
+    start, keywords = F[0, :2], {"period": period, "intervals": ahead}
+    with flexgen.load(flexgen.generate(model, tmp_path, parts=["force"], progress=False).directory) as library:
+        whole = library.invert(y, dy, ddy, force=F, period=period, q_start=path.q_start, n_pre=before, n_post=before)
+        size = np.abs(whole.tau_m).max()
+
+        def off(stream, first, at):
+            """Largest error of torques from a sample of the path on, of which the stream gives interval `at` first."""
+            found = []
+            for k in range(first, len(t)):
+                stream.set_force(F[k])
+                found.append(stream.update(y[k], dy[k], ddy[k]).tau_m[0])
+            return float(np.abs(np.array(found) - whole.tau_m[before + at :][: len(found)]).max() / size)
+
+        assert off(library.stream(y[0], path.q_start, force=start, **keywords), 0, -ahead) < 1e-9
+        assert off(library.stream(y[0], path.q_start, **keywords), 0, -ahead) > 0.05
+        with pytest.raises(ArgumentError, match="not finite"):
+            library.stream(y[0], path.q_start, force=np.full(2, np.nan), **keywords)
+        with pytest.raises(ArgumentError, match="shape"):
+            library.stream(y[0], path.q_start, force=F[0], **keywords)
+        if name == "hysteretic":
+            return  # its state in motion is not known
+        now = slice(150, 150 + ahead + 16)
+        moving = {"y": y[now], "q_start": path.q_start, "dy": dy[now], "ddy": ddy[now], **keywords}
+        assert off(library.stream(force=F[now], **moving), now.stop, 166) < 1e-4
+        assert off(library.stream(**moving), now.stop, 166) > 0.03
+        bad = F[now].copy()
+        bad[3, 1] = np.inf
+        with pytest.raises(ArgumentError, match="not finite"):
+            library.stream(force=bad, **moving)
 
 
 # --- what a user gives ------------------------------------------------------------------------------------------------

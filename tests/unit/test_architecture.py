@@ -146,10 +146,10 @@ PARAMETERS = {
     "performance/minimum_time.py fastest": 10,  # a verb; the force is data of the problem, as the move is
     "planning/problem.py solve": 9,  # a method of a public class
     "runtime/calls.py __init__": 11,  # a public class; the arguments are the entries of the manifest
-    "runtime/library.py stream": 12,  # a method of a public class
+    "runtime/library.py stream": 13,  # a method of a public class
     "runtime/limited_inversion.py __call__": 27,  # the members of the samples and of the options in C
     "runtime/path_inversion.py __call__": 16,  # the members of the samples and of the options in C
-    "runtime/stream.py __init__": 14,  # the options of `Library.stream`
+    "runtime/stream.py __init__": 15,  # the options of `Library.stream`
     "servo/command.py command_positions": 10,  # a verb
     "simulation/simulate.py simulate": 10,  # a verb
 }
