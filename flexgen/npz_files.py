@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import math
 import re
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -170,6 +171,10 @@ def _array(
     if len(content) != start + count * dtype.itemsize:
         raise NpzError(f"the array {name[:80]!r} with {len(content)} bytes", "as many as the archive states")
     numbers = np.frombuffer(content, dtype, count, start) if count else np.zeros(0, dtype)
+    if dtype.kind == "U" and count and dtype.itemsize:
+        codes = np.frombuffer(content, np.dtype("u4").newbyteorder(dtype.byteorder), -1, start)
+        if codes.max() > sys.maxunicode:
+            raise NpzError(f"the array {name[:80]!r} with characters that do not exist", "a text")
     return numbers.reshape(shape, order="F" if by_columns else "C").copy()
 
 

@@ -12,6 +12,7 @@ import functools
 import inspect
 import sys
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, NamedTuple, NoReturn, TypeVar, overload
 
@@ -22,6 +23,7 @@ from flexgen.types_of_values import UNWRITABLE, Check, Names, check_of, is_infin
 
 T = TypeVar("T", bound=Callable[..., Any])
 C = TypeVar("C", bound=type)
+_NAMING = ContextVar("_NAMING", default=False)  # the cause of a numerical error is looked for, which may fail likewise
 
 # What a parameter means, where the words of its type say less; the same in all functions.
 WORDS = {
@@ -149,9 +151,13 @@ def _naming_numbers(function: Any) -> Any:
         try:
             return function(*args, **kwargs)
         except (ArithmeticError, ValueError) as error:
-            if not is_numerical(error):
+            if not is_numerical(error) or _NAMING.get():
                 raise
-            cause = find_function("Check.implausible")(args[0] if args else kwargs["model"])
+            naming = _NAMING.set(True)
+            try:
+                cause = find_function("Check.implausible")(args[0] if args else kwargs["model"])
+            finally:
+                _NAMING.reset(naming)
             raise SolverError(computation_failed(function.__name__, error) + cause) from error
 
     return call

@@ -8,6 +8,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.kinematics import place
@@ -54,7 +55,11 @@ def tracker_positions(
     '-0.89 mm'
     """
     robot = robot_of(model)
-    q_g = np.array(commands, dtype=float)
+    try:
+        q_g = np.array(commands, dtype=float)
+    except ValueError:
+        expected = f"rows of the same length, (N, {robot.n_g})"
+        raise ArgumentError(f"commands: given {show_value(commands)}, expected {expected}") from None
     if q_g.ndim != 2 or q_g.shape[1] != robot.n_g or not np.isfinite(q_g).all():
         raise ArgumentError(f"commands: given shape {q_g.shape}, expected finite numbers of shape (N, {robot.n_g})")
     equations = model if isinstance(model, Equations) else derive(robot)

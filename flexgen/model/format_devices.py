@@ -210,7 +210,7 @@ def _read_axes(table: Table, key: Key, here: Context) -> tuple[tuple[tuple[float
             continue
         numbers = [one.value for one in entry.value] if isinstance(entry.value, list) else []
         good = len(numbers) == 3 and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
-        length = sum(x * x for x in numbers) ** 0.5 if good else 0.0
+        length = sum(x * x for x in numbers) ** 0.5 if good and all(abs(x) < 1e9 for x in numbers) else 0.0
         if not 1e-9 < length < 1e9:
             raise table.fail("axes", "one to three of x, y, z, or vectors of three numbers")
         axes.append(tuple(x / length for x in numbers))

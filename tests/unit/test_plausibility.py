@@ -10,7 +10,7 @@ from shipped_models import all_variants
 
 import flexgen
 from flexgen.cli.main import main
-from flexgen.errors import ModelError, SolverError
+from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.plausibility.finding import MARKS
@@ -49,6 +49,22 @@ def test_numerical_errors_of_functions_name_their_cause(verb, changes, words):
     with pytest.raises(SolverError) as caught:
         verb(read("elbow", overrides=changes))
     assert words in str(caught.value) and isinstance(caught.value.__cause__, ArithmeticError | ValueError)
+
+
+def test_a_cause_that_cannot_be_found_leaves_the_error(monkeypatch):
+    """Deriving the model again, for its implausible numbers, fails as it did before."""
+
+    def overflow(self, *_):
+        raise OverflowError("int too large to convert to float")
+
+    monkeypatch.setattr("flexgen.mechanics.equations.Equations.__init__", overflow)
+    with pytest.raises(SolverError, match=r"derive: the computation failed .*int too large"):
+        flexgen.derive(str(read("elbow").file))
+
+
+def test_commands_in_rows_of_different_lengths_are_refused():
+    with pytest.raises(ArgumentError, match=r"commands: given \[\[1\], \[2, 3\]\], expected rows of the same length"):
+        flexgen.tracker_positions("elbow", [[1], [2, 3]])
 
 
 def test_lengths_in_millimeters_are_found():
