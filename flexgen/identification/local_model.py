@@ -170,14 +170,8 @@ class LocalModel:
         derivatives = [ca.densify(ca.jacobian(r, x)) for x in (y, p, tau)]
         return ca.Function("rest", [y, p, tau, sd], [ca.densify(r), *derivatives])
 
-    def rest(
-        self,
-        values: np.ndarray,
-        q_m: np.ndarray,
-        start: np.ndarray | None = None,
-        deflection_sd: np.ndarray | None = None,
-    ) -> Rest:
-        """The robot at rest at the motor angles ``q_m`` (k, n_m); ``start`` (k, n): where the search begins.
+    def rest(self, values: np.ndarray, q_m: np.ndarray, deflection_sd: np.ndarray | None = None) -> Rest:
+        """The robot at rest at the motor angles ``q_m`` (k, n_m), from a search that begins without deflections.
 
         ``deflection_sd`` (k, springs): standard deviations of the deflections of `springs`, for their mean torques.
 
@@ -191,12 +185,9 @@ class LocalModel:
         spread = self._deflections(deflection_sd, len(q_m))
         out, static = [], Evaluator(self._static)
         for k, angles in enumerate(q_m):
-            if start is not None:
-                y = start[k].copy()
-            else:
-                y = np.zeros(n)
-                y[list(model.i_g)] = np.linalg.solve(model.eta, angles)
-                y[model.n_a :] = angles[list(model.i_m)]
+            y = np.zeros(n)
+            y[list(model.i_g)] = np.linalg.solve(model.eta, angles)
+            y[model.n_a :] = angles[list(model.i_m)]
             tau, best, stalled = np.zeros(m), np.inf, 0
             for _ in range(NEWTON_STEPS):
                 r, r_y, r_p, r_tau = static(y, values, tau, spread[k])
@@ -275,7 +266,7 @@ class LocalModel:
         deflection_sd: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) of the linear models at the poses ``q_m`` (k, n_m)."""
-        rest = self.rest(values, q_m, None, deflection_sd)
+        rest = self.rest(values, q_m, deflection_sd)
         spread = np.hstack([self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))])
         M, D, K, B = evaluate(self._matrices[0], rest.y, values, spread)
         n = self.model.dof
@@ -348,7 +339,7 @@ class LocalModel:
         rest : Rest, optional
             The poses at rest, where they are known.
         """
-        rest = self.rest(values, q_m, None, deflection_sd) if rest is None else rest
+        rest = self.rest(values, q_m, deflection_sd) if rest is None else rest
         speeds = np.hstack([self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))])
         function, by, _ = self._matrices
         n = self.model.dof

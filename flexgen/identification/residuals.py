@@ -99,8 +99,7 @@ class Residuals:
         named = self.vector.named(x)
         values = np.array([named[name] for name in self.local.names])
         if self._rest is None or not np.array_equal(self._rest[0], values):
-            start = None if self._rest is None else self._rest[1].y
-            self._rest = values, self.local.rest(values, self.data.poses, start, self.deflection_sd)
+            self._rest = values, self.local.rest(values, self.data.poses, self.deflection_sd)
         return self._rest
 
     def against(self, G: np.ndarray) -> Residuals:
@@ -116,6 +115,13 @@ class Residuals:
         """
         out = copy.copy(self)
         out.data, out.variance, out.drive = data, _noise(data, floor) + extra, Drive(data.sample_s, data.delay_s)
+        return out
+
+    def of(self, vector: ParameterVector) -> Residuals:
+        """The residuals of another model, or with other numbers free, with the same weights."""
+        out = copy.copy(self)
+        out.vector, out._rest = vector, None
+        out.local = LocalModel(vector.model, vector.of_model, self.data.sensors)
         return out
 
     def average_springs(self, x: np.ndarray) -> None:

@@ -28,7 +28,7 @@ from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import Experiment, fade_in, largest_rate
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
-from flexgen.identification.local_model import LocalModel, Rest
+from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive, is_of_sensor
 from flexgen.identification.result import TIME_DOMAIN, FitStatus, IdentificationResult
 from flexgen.library.model_library import library_with
@@ -72,7 +72,6 @@ class Simulated:
         names = vector.of_model
         self.library = library_with(vector.model, ("forward_dynamics",), parameters=names, progress=progress)
         self.local = LocalModel(vector.model, self.library.parameter_names)
-        self._rest: Rest | None = None
         poses = plan.poses[[k for k, _, _ in self.runs]]
         self.reference = np.zeros((plan.samples, len(self.runs), 2 * len(plan.motors)))
         for lane, (k, r, e) in enumerate(self.runs):
@@ -103,9 +102,7 @@ class Simulated:
         check_time("identify")
         plan, named = self.plan, self.vector.named(x)
         values = np.array([named[name] for name in self.library.parameter_names])
-        start = None if self._rest is None else self._rest.y
-        rest = self.local.rest(values, self.poses, start)
-        self._rest = rest
+        rest = self.local.rest(values, self.poses)
         n_a, n_m = self.vector.model.n_a, self.vector.model.n_m
         controller = cascade_at(plan.controller, named, plan.motors)
         loop = ClosedLoop(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 from identification_cases import exact_responses, poses_of, without_coulomb
 
 import flexgen
+from flexgen.errors import SolverError
 from flexgen.identification.causes import explain as causes
 from flexgen.identification.causes.hypotheses import masses_of, transform, with_sample_time
-from flexgen.identification.causes.missing_springs import without
+from flexgen.identification.causes.missing_springs import additions, without
 from flexgen.identification.local_model import Drive
+from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import FitStatus
 from flexgen.mechanics.parameters import select, with_values
@@ -84,6 +87,16 @@ def test_a_missing_spring_is_named_with_its_stiffness():
     assert found.causes[0].words.startswith("a missing spring arm3_z of 1.3e+05 N m/rad") and len(found.causes) == 1
 
 
+def test_a_body_that_slides_may_turn_about_all_axes():
+    """Behind a joint that turns, its own axis is left out: there the spring would be one of the gear."""
+    elbow = flexgen.read("elbow")
+    upper, fore = elbow.elements
+    slides = replace(upper, dofs=(replace(upper.dofs[0], type="translation"),))
+    found = [dof for dof, _ in additions(replace(elbow, elements=(slides, fore)))]
+    assert [dof.name for dof in found] == ["q1_u", "q1_v", "q1_w", "q2_u", "q2_v"]
+    np.testing.assert_allclose(np.abs(np.linalg.det([dof.axis for dof in found[:3]])), 1.0)
+
+
 def test_a_score_is_the_decrease_of_least_squares():
     """Against the residuals of two linear fits."""
     rng = np.random.default_rng(3)
@@ -92,6 +105,28 @@ def test_a_score_is_the_decrease_of_least_squares():
     left = [r - A @ np.linalg.lstsq(A, r, rcond=None)[0] for A in (J, more)]
     assert causes.score(basis, r - basis @ (basis.T @ r), j) == pytest.approx(left[0] @ left[0] - left[1] @ left[1])
     assert causes.score(basis, r, J[:, 0]) == 0.0
+
+
+def test_a_spring_across_a_plane_changes_no_residual_of_a_planar_arm():
+    """Also where the residuals have weights by the structure of the noise: all hypotheses have those of the fit."""
+    residuals = Residuals(ParameterVector(ROBOT, ["stiffness"]), measured())
+    x = residuals.vector.start
+    residuals.use_structure(x)
+    columns = causes._columns_of_springs(residuals, x, causes.stack(residuals.weight(x, False)[0]))
+    across = [column for spring, column in columns if spring.name in ("q1_u", "q2_u")]
+    assert len(across) == 6 and np.abs(across).max() < 1e-6
+
+
+def test_the_rest_of_a_soft_arm_does_not_depend_on_the_searches_before():
+    """A spring that softens step by step bends on where a search from the unbent arm does not."""
+    residuals = Residuals(ParameterVector(ROBOT, ["stiffness"]), measured())
+    x, at = residuals.vector.start.copy(), residuals.vector.names.index("q3.stiffness")
+    for factor in np.geomspace(1.0, 4.375e-5, 35):
+        x[at] = residuals.vector.start[at] + np.log(factor)
+        with suppress(SolverError):
+            residuals.rest(x)
+    with pytest.raises(SolverError, match="equilibrium at pose 3"):
+        residuals.rest(x)
 
 
 def test_a_model_that_fits_has_no_cause():

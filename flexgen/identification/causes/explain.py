@@ -153,7 +153,7 @@ def _refit_names(
 ) -> tuple[float, float]:
     """The cost with more numbers free, and the first of them: over that of the file, where it is positive there."""
     vector = extend(residuals.vector, names, model)
-    more = Residuals(vector, residuals.data, deflection_sd=residuals.deflection_sd)
+    more = residuals.of(vector)
     fit = _search(more, _at(vector, residuals.vector, x))
     unknown = vector.unknowns[vector.names.index(names[0])]
     in_file = unknown.parameter.value if unknown.scale == "log" and model is None else 0.0
@@ -194,8 +194,7 @@ def _columns_of_numbers(residuals: Residuals, x: np.ndarray) -> Iterator[tuple[H
     for group in groups:
         names = tuple(name for number in group for name in number.names)
         vector = extend(residuals.vector, names, residuals.vector.model if group is single else None)
-        more = Residuals(vector, residuals.data, deflection_sd=residuals.deflection_sd)
-        J = as_real(*more.weight(_at(vector, residuals.vector, x), True))[1]
+        J = as_real(*residuals.of(vector).weight(_at(vector, residuals.vector, x), True))[1]
         for number in group:
             yield number, J[:, vector.names.index(number.names[0])]
 
@@ -211,7 +210,7 @@ def _columns_of_springs(residuals: Residuals, x: np.ndarray, r: np.ndarray) -> I
     old = residuals.vector
     for dof, changed in additions(old.model):
         for model in with_sizes(changed, dof.name, residuals.data.poses[:1]):
-            more = Residuals(extend(old, (), model), residuals.data, deflection_sd=residuals.deflection_sd)
+            more = residuals.of(extend(old, (), model))
             try:
                 moved = more.weight(x, False)[0]
             except SolverError:  # so soft a spring does not hold the arm

@@ -155,7 +155,7 @@ def _level(residuals: Residuals, data: Frf, x: np.ndarray, stiffness: np.ndarray
     local, model, n = at.local, at.vector.model, len(data.motors)
     values = np.array(list(_numbers(at, x).values()))
     M, D, K, B = local.matrices(values, data.poses, data.speed_sd, at.deflection_sd)
-    rest = local.rest(values, data.poses, None, at.deflection_sd)
+    rest = local.rest(values, data.poses, at.deflection_sd)
     elastic = [j for j, (gear, _) in enumerate(gears(model)) if gear.spring is not None]
     turned = np.linalg.inv(model.eta) @ local.motor_rows
     deflection = (turned - np.eye(model.dof)[list(model.i_g)])[elastic]
