@@ -16,7 +16,7 @@ DAMPING = 0.03  # of critical
 def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
     """Models with one more spring: rotations about the axes perpendicular to each joint that are not there yet.
 
-    And about all three axes of a body that is attached to the one before it without any coordinate.
+    And about all three axes of a body that slides, or is attached to the one before it without any coordinate.
     """
     out = []
     for e, element in enumerate(model.elements):
@@ -24,13 +24,14 @@ def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
         if not element.dofs and element.body.mass > 0:
             new = [(0, f"{element.name}_{'xyz'[k]}", axis) for k, axis in enumerate(np.eye(3))]
         for at, dof in enumerate(element.dofs):
-            if dof.gear is None or dof.type != "rotation":
+            if dof.gear is None:
                 continue
-            for k, axis in enumerate(perpendicular(np.array(dof.axis))):
+            along = [np.array(dof.axis)] if dof.type == "translation" else []
+            for k, axis in enumerate([*perpendicular(np.array(dof.axis)), *along]):
                 same = [d for d in element.dofs if d.spring is not None and d.type == "rotation"]
                 if any(abs(float(np.dot(d.axis, axis))) > 0.99 for d in same):
                     continue
-                new.append((at + 1, f"{dof.name}_{'uv'[k]}", axis))
+                new.append((at + 1, f"{dof.name}_{'uvw'[k]}", axis))
         for at, name, axis in new:
             added = Dof(name, "rotation", tuple(axis.tolist()), spring=LinearSpring(1.0), damping=1.0)
             changed = replace(element, dofs=(*element.dofs[:at], added, *element.dofs[at:]))
