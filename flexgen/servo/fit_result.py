@@ -17,7 +17,7 @@ from flexgen.servo.servo import Servo
 from flexgen.spec.toml_text import toml
 from flexgen.type_checks import checked_result
 
-ENOUGH = 0.9  # of the lag of the robot
+ENOUGH, LEFT = 0.9, 1.5  # explained, of the lag of the robot; unexplained, over the noise
 GAINS = ("position_gain", "speed_gain", "integral_gain")
 
 
@@ -39,8 +39,12 @@ class ServoFit(Result):
         Standard deviations of the numbers that all motors share.
     unexplained : array (n_m,) [rad]
         Root mean square of the difference of measured and simulated angles, motor side.
+    noise : array (n_m,) [rad]
+        Its part that changes from sample to sample, as the noise of the angles does.
     explained : float
         Part of the sum of squares of commands minus angles that the servo explains.
+    converged : bool
+        Whether the search ended.
     motors : tuple of str
         Names of the motors.
     record : ServoRecord
@@ -66,7 +70,9 @@ class ServoFit(Result):
     gain_sd: np.ndarray
     common_sd: Mapping[str, float]
     unexplained: np.ndarray
+    noise: np.ndarray
     explained: float
+    converged: bool
     motors: tuple[str, ...]
     record: ServoRecord
     interpolation: str
@@ -80,10 +86,20 @@ class ServoFit(Result):
         return "\n".join([f"{self.model}: {self.sentence()}", *(f"  {name}: {text}" for name, text in self._rows())])
 
     @property
+    def left(self) -> float:
+        """What is unexplained over the noise, of the motor with the most."""
+        return float((self.unexplained / np.maximum(self.noise, 1e-300)).max())
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether noise explains the difference of measured and simulated angles."""
+        return self.converged and self.left < LEFT
+
+    @property
     def problem(self) -> str:
-        """Why the servo cannot be used: it explains too little."""
+        """Why the servo cannot be used: it explains too little, or the search did not end."""
         if self.explained >= ENOUGH:
-            return ""
+            return "" if self.converged else "the search did not end; begin with gains nearer to those of the robot"
         return (
             f"the servo explains {100 * self.explained:.0f} % of the lag of the robot, expected {100 * ENOUGH:.0f} %: "
             "another structure, interpolation, sample time or delay, or another model"
@@ -91,7 +107,9 @@ class ServoFit(Result):
 
     def sentence(self) -> str:
         """The fit in words."""
-        return self.problem or f"servo identified, {100 * self.explained:.4g} % of the lag of the robot explained"
+        more = f"; {self.left:.2g} times the noise is left: other torque filters, structure, delay or model"
+        found = f"servo identified, {100 * self.explained:.4g} % of the lag of the robot explained"
+        return self.problem or found + more * (not self.is_explained)
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures in SI units, for tables."""
@@ -117,7 +135,18 @@ class ServoFit(Result):
             for name in ("speed_feedforward", "reference_filter_s", "sample_time", "delay")
         }
         gains = {name: plain(np.asarray(getattr(self.servo.feedback, name))) for name in GAINS}
-        kept = ("latency_s", "gain_sd", "common_sd", "unexplained", "explained", "motors", "interpolation", "model")
+        kept = (
+            "latency_s",
+            "gain_sd",
+            "common_sd",
+            "unexplained",
+            "noise",
+            "explained",
+            "converged",
+            "motors",
+            "interpolation",
+            "model",
+        )
         return own | gains | {name: plain(getattr(self, name)) for name in kept}
 
     def save(self, path: str | Path) -> Path:

@@ -35,6 +35,8 @@ from flexgen.type_checks import checked_types
 
 STILL_S, STILL = 0.05, 1e-3  # the command rests for so long at the begin, up to this part of its range
 STEPS, CLOSE, WEIGHT = 40, 1e-5, 1e-4  # of Levenberg and Marquardt; the last one, relative; first weight
+LOWER = 1.5, 2.5  # factors of the gains where searches begin again
+SMALL = 1e-4  # of the lag: less is not seen as noise
 LONGEST_STEP = 0.7  # of the logarithm of a gain
 COMMON = ("speed_feedforward", "reference_filter_s", "latency_s")
 MOVED = {"speed_feedforward": 1e-3, "reference_filter_s": 1e-5, "latency_s": 1e-5}  # differences for derivatives
@@ -97,8 +99,16 @@ def identify_servo(
         record = ServoRecord.read(record, robot)
     _check_record(record, robot)
     fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation)
-    p, e, J = fit.start()
-    weight = WEIGHT
+    best = _search(fit, *fit.start(), tell)
+    for lower in LOWER:
+        found = best if best.is_explained else _search(fit, *fit.start(lower), tell)
+        best = min(best, found, key=lambda one: one.left)
+    return best
+
+
+def _search(fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, tell: Callable[[str], None]) -> ServoFit:
+    """Levenberg and Marquardt from parameters p with residuals e and their Jacobian."""
+    weight, ended = WEIGHT, False
     for step in range(STEPS):
         check_time("identify_servo")
         tell(f"step {step + 1}: {1e6 * np.sqrt((e**2).mean()):.3g} urad of the motors' angles unexplained")
@@ -107,13 +117,12 @@ def identify_servo(
         if found is not None and (found[0] ** 2).sum() < (e**2).sum():
             gain = 1.0 - (found[0] ** 2).sum() / (e**2).sum()
             p, (e, J), weight = tried, found, max(weight / 8, 1e-10)
-            if gain < CLOSE:
-                break
-        elif weight > 1e3:
-            break
+            ended = gain < CLOSE
         else:
-            weight *= 10
-    return fit.result(p, e, J)
+            ended, weight = weight > 1e3, 10 * weight
+        if ended:
+            break
+    return fit.result(p, e, J, ended)
 
 
 def _change(fit: _Fit, p: np.ndarray, e: np.ndarray, J: np.ndarray, weight: float) -> np.ndarray:
@@ -216,12 +225,15 @@ class _Fit:
         first = self.first_gains
         return np.where(first > 0.0, np.exp(p[..., : self.gains]).reshape(*p.shape[:-1], *first.shape), 0.0)
 
-    def start(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Parameters, residuals and Jacobian where the search begins; lower gains where the loop is unstable."""
+    def start(self, lower: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Parameters, residuals and Jacobian where the search begins, its gains ``lower`` by a factor.
+
+        Still lower ones where the loop is unstable.
+        """
         h = self.servo.sample_time
         filtered = delay_of_filter(max(self.servo.reference_filter_s, FIRST_FILTER * h), h)
         common = [self.servo.speed_feedforward, filtered, h]
-        p = np.concatenate([np.log(np.maximum(self.first_gains.ravel(), 1e-6)), common])
+        p = np.concatenate([np.log(np.maximum(self.first_gains.ravel() / lower, 1e-6)), common])
         for _ in range(6):
             found = self.run(self.within(p))
             if found is not None:
@@ -302,7 +314,7 @@ class _Fit:
         sd = np.sqrt((changes**2).sum(axis=0) * (1.0 - 1.0 / len(blocks))) / scale
         return np.asarray(np.where(J.any(axis=0), sd, 0.0))
 
-    def result(self, p: np.ndarray, e: np.ndarray, J: np.ndarray) -> ServoFit:
+    def result(self, p: np.ndarray, e: np.ndarray, J: np.ndarray, converged: bool) -> ServoFit:
         """The servo with standard deviations, whose residuals may depend on each other within `BLOCK_S`."""
         n_m, n = self.robot.n_m, len(self.record.time)
         sd = self._deviations(e, J)
@@ -310,6 +322,7 @@ class _Fit:
         found = replace(self.servo_of(p), feedback=feedback)
         lag = (self.record.command - self.record.angle) @ self.robot.eta.T
         unexplained = np.sqrt((e.reshape(n, n_m) ** 2).mean(axis=0))
+        quick = np.sqrt((np.diff(e.reshape(n, n_m), 3, axis=0) ** 2).mean(axis=0) / 20)  # of white noise: all of it
         of_all = max(float(1.0 - (e**2).sum() / max(((lag - lag[0]) ** 2).sum(), 1e-300)), 0.0)
         own, delayed, h = sd[self.gains :], p[self.gains + 1], self.servo.sample_time
         near = [filter_of_delay(max(delayed + x, 0.0), h) for x in (-own[1], 0.0, own[1])]
@@ -321,7 +334,9 @@ class _Fit:
             gain_sd=sd[: self.gains].reshape(3, n_m),
             common_sd=common,
             unexplained=unexplained,
+            noise=np.maximum(quick, SMALL * np.sqrt(((lag - lag[0]) ** 2).mean(axis=0))),
             explained=of_all,
+            converged=converged,
             motors=tuple(motor.name for motor in self.robot.motors),
             record=self.record,
             interpolation=self.interpolation,

@@ -12,6 +12,7 @@ from servo_in_mujoco import OwnServo, sampled
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.servo import identify
 from flexgen.servo.fit_result import GAINS, ServoFit
 from flexgen.servo.identify import COMMON
 
@@ -85,3 +86,26 @@ def test_planted_servos_are_found_within_their_intervals(changed, own, interpola
         assert np.abs(fit.unexplained / NOISE - 1.0).max() < 0.15
         all_errors.append(errors)
     assert np.abs(all_errors).max() < 4.5 and 0.4 < np.sqrt(np.mean(np.square(all_errors))) < 1.5
+
+
+def test_a_search_that_does_not_end_begins_again_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With lower gains: near the limit of stability it crawls."""
+    begun: list[float] = []
+    own = identify._Fit.start
+    monkeypatch.setattr(identify._Fit, "start", lambda fit, lower=1.0: begun.append(lower) or own(fit, lower))
+    monkeypatch.setattr(identify, "STEPS", 1)
+    true = {**TRUE, "feedforward": 0.8, "filter_s": 3e-3}
+    fit = fit_of(angles_of(False, 0, **true), 0, {"feedback": flexgen.Cascade(*TRUE.values())}, "linear")
+    assert begun == [1.0, *identify.LOWER]
+    assert not fit.converged and "the search did not end" in fit.problem and not fit.is_explained
+
+
+@pytest.mark.slow
+def test_what_the_servo_does_not_describe_is_stated() -> None:
+    """Filters of the torque that it does not have: gains are wrong by many standard deviations."""
+    true = {**TRUE, "feedforward": 0.8, "filter_s": 3e-3}
+    angles = angles_of(False, 0, **true, filters=SECTIONS)
+    for filters, known in ((FILTERS, True), ((), False)):
+        fit = fit_of(angles, 0, {"feedback": flexgen.Cascade(*TRUE.values(), filters)}, "linear")
+        assert fit.is_explained == known != ("times the noise is left" in fit.sentence())
+        assert np.abs(fit.noise / NOISE - 1.0).max() < 0.15

@@ -66,7 +66,7 @@ def prediction(error_m: float | None, error_rad: float | None, halves: int) -> P
     )
 
 
-def servo(explained: float) -> ServoFit:
+def servo(explained: float, noise: float = 2.5e-5, converged: bool = True) -> ServoFit:
     law = flexgen.Cascade([20.0, 31.25], [5.0, 0.7], [1.0, 8.123456])
     return made(
         ServoFit,
@@ -75,7 +75,9 @@ def servo(explained: float) -> ServoFit:
         gain_sd=np.array([[0.011, 0.02], [0.03, 0.04], [0.05, 0.1234]]),
         common_sd={"speed_feedforward": 0.0123, "reference_filter_s": 1.5e-5, "latency_s": 2.5e-6},
         unexplained=np.array([1e-5, 3e-5]),
+        noise=np.array([noise, noise]),
         explained=explained,
+        converged=converged,
         motors=("m1", "m2"),
         record=Made(source="a.csv"),
         interpolation="linear",
@@ -190,6 +192,8 @@ def _cases() -> Iterator[tuple[str, Callable[[], Any]]]:
         yield f"passivity {least}", functools.partial(made, Passivity, **fields, margins=margins)
     for explained in (0.987654, 0.5):
         yield f"servo {explained}", functools.partial(servo, explained)
+    yield "servo with more than noise", functools.partial(servo, 0.99, 1e-5)
+    yield "servo of a search without end", functools.partial(servo, 0.99, converged=False)
     yield "commands", lambda: commands("", 0, ())
     yield "commands at limits", lambda: commands("", 0, ("speed of q1", "acceleration of q2"))
     yield "commands of a saturated loop", lambda: commands("", 17, ())
