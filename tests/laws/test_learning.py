@@ -13,7 +13,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
-from flexgen.performance.learn import _left_jacobian
+from flexgen.performance.commanded import _left_jacobian
 from flexgen.plots.control import plot_learned
 from flexgen.reports.control_page import write_learned
 

@@ -21,7 +21,7 @@ from flexgen.loop import robustness
 from flexgen.model.elements import Placement
 from flexgen.model.format_robot import HARMONICS
 from flexgen.model.joint_defaults import merge
-from flexgen.performance import learn
+from flexgen.performance import commanded
 from flexgen.spec.toml_lines import Entry
 from flexgen.sweeps import batches
 
@@ -138,7 +138,7 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
         reference: Any = None
         rests: Any = None
 
-    made: Any = object.__new__(learn._Commanded)
+    made: Any = object.__new__(commanded.CommandedPath)
     plants = SimpleNamespace(values="values")
     made._case = Case(SimpleNamespace(name="arm"), "library", plants, 40)
     made._correct = lambda correction: (correction, 2 * correction, 3 * correction)
@@ -161,9 +161,9 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
         _grid="grid",
         _local=SimpleNamespace(rests=lambda motion, values: (motion, values)),
     )
-    monkeypatch.setattr(learn, "trajectory_of", lambda found, first, name: (found, first, name))
+    monkeypatch.setattr(commanded, "trajectory_of", lambda found, first, name: (found, first, name))
     reference = SimpleNamespace(motion="motion")
-    monkeypatch.setattr(learn, "motion_reference", lambda *given: asked.update(given=given) or reference)
+    monkeypatch.setattr(commanded, "motion_reference", lambda *given: asked.update(given=given) or reference)
     case = made.case(np.ones(2), 3)
     assert case.seed == 43 and case.reference is reference and case.rests == ("motion", "values")
     assert asked["given"][0] == ("found", 0.25, "arm") and asked["n_pre"] == 3 and asked["samples_per_interval"] == 2

@@ -20,7 +20,7 @@ from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw
-from flexgen.performance import learn, payload, residual_vibration, time_search
+from flexgen.performance import commanded, learn, payload, residual_vibration, time_search
 from flexgen.performance.minimum_time import _limits_of
 from flexgen.performance.payload import identify_load
 from flexgen.performance.rigid_time import _accelerate, _extreme, _time, joint_motion
@@ -142,14 +142,14 @@ def test_the_angular_velocity_of_a_rotation_vector(size: float) -> None:
     r, dr, e = np.array([[0.6, -0.48, 0.64]]) * size, np.array([[0.3, 1.1, -0.7]]), 1e-5
     ahead, back = (Rotation.from_rotvec(r + s * e * dr) for s in (1, -1))
     expected = (ahead * back.inv()).as_rotvec() / (2 * e)
-    assert_allclose(learn._left_jacobian(r, dr), expected, rtol=1e-7, atol=1e-8)
+    assert_allclose(commanded._left_jacobian(r, dr), expected, rtol=1e-7, atol=1e-8)
 
 
 def test_the_low_pass_of_learning_ends_in_constants() -> None:
     """Filtered inside, mean of half the blend at each end, an odd polynomial of degree 7 between."""
     chance = np.random.default_rng(1)
     error, period = chance.normal(size=(200, 2)).cumsum(axis=0), 4e-3
-    found = learn._Commanded.filter(SimpleNamespace(period=period), error, 7.0)
+    found = commanded.CommandedPath.filter(SimpleNamespace(period=period), error, 7.0)
     b, a = butter(2, 2 * 7.0 * period)
     smooth = filtfilt(b, a, error, axis=0, padlen=36)
     blend = 25  # 0.1 s
@@ -160,7 +160,7 @@ def test_the_low_pass_of_learning_ends_in_constants() -> None:
     ramp = 35 * u**4 - 84 * u**5 + 70 * u**6 - 20 * u**7
     assert_allclose(found[:blend], ramp * smooth[:blend] + (1 - ramp) * first, atol=1e-12)
     assert_allclose(found[-blend:], ramp[::-1] * smooth[-blend:] + (1 - ramp[::-1]) * last, atol=1e-12)
-    short = learn._Commanded.filter(SimpleNamespace(period=0.1), error[:20], 1.0)
+    short = commanded.CommandedPath.filter(SimpleNamespace(period=0.1), error[:20], 1.0)
     b, a = butter(2, 0.2)
     assert_allclose(short[2:-2], filtfilt(b, a, error[:20], axis=0, padlen=10)[2:-2], atol=1e-12)
 
@@ -513,7 +513,7 @@ def test_a_corrected_pose_is_turned_and_has_the_rates_of_its_rotation() -> None:
     w = np.vstack([0 * w[:1], w, 0 * w[:1]])
     y = np.hstack([rise[:, None] * [1.0, 2.0, 3.0], R.as_matrix().transpose(0, 2, 1).reshape(n, 9)])
     v = np.gradient(y[:, :3], h, axis=0)
-    made = object.__new__(learn._Commanded)
+    made = object.__new__(commanded.CommandedPath)
     dy, ddy = np.hstack([v, w]), np.gradient(np.hstack([v, w]), h, axis=0)
     vars(made).update(time=t, period=h, _R=R.as_matrix(), _y=y, _rates=(dy, ddy))
     correction = rise[:, None] * [1e-2, -2e-2, 3e-2, 0.05, 0.1, -0.08]

@@ -176,7 +176,7 @@ def test_the_filter_of_learning_is_below_the_sampling_frequency(monkeypatch: pyt
 
     replaced = {
         "control_case": lambda *given, **more: case,
-        "_Commanded": lambda *given: commanded,
+        "CommandedPath": lambda *given: commanded,
         "_iterate": iterate,
         "controller_of": lambda *given: ("law", "title"),
         "lowest_locked_hz": lambda model, motion: lowest,

@@ -20,6 +20,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.causes import levels
 from flexgen.model.elements import LinearSpring
 from flexgen.performance import learn, minimum_time, rigid_time
+from flexgen.performance.commanded import CommandedPath
 from flexgen.performance.payload import Load
 from flexgen.planning import arguments, result, signals
 from flexgen.planning.guesses import from_solution
@@ -149,12 +150,12 @@ def test_an_error_of_a_pose_has_its_rotation_vector() -> None:
     e = np.arange(9.0).reshape(3, 3)
     run: Any = Runs(lane=SimpleNamespace(error=e, q_a=q), reference=SimpleNamespace(R_ref=columns, time=np.arange(3.0)))
     commanded: Any = SimpleNamespace(equations=equations, time=np.array([0.0, 1.0, 1.5]))
-    found = learn._Commanded.error(commanded, run, "a")
+    found = CommandedPath.error(commanded, run, "a")
     assert_allclose(found[:2, :3], e[:2])
     assert_allclose(found[2, :3], (e[1] + e[2]) / 2)
     assert_allclose(found[:2, 3:], turns[:2], atol=1e-9)
     run.reference.R_ref = None
-    assert learn._Commanded.error(commanded, run, "a").shape == (3, 3)
+    assert CommandedPath.error(commanded, run, "a").shape == (3, 3)
 
 
 def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
