@@ -26,6 +26,7 @@ from flexgen.trajectory import Trajectory
 
 STEP, SAMPLES = 2.5e-4, 200_001  # s: between the samples of a function of time, at most; samples, at most
 RESOLVED = 0.25  # interval of a mesh times the angular frequency of a force that it resolves
+ROUNDING = 1e-9  # of a constant force that was computed or read from a file
 EXPECTED = (
     "an array (n, 3) [N] of samples at equal steps from the start to the end of the path, (n, 6) with moments [N m], "
     "(n, 2) for a planar robot; a function of the time [s] that returns one; a Trajectory, or its file, with the "
@@ -85,7 +86,8 @@ class ProcessForce:
         jets = self.jets(np.linspace(0.0, self.duration, 2001))
         size = np.ptp(jets[:, :6], axis=0).max() / 2
         bend = np.abs(jets[:, 12:18])
-        fastest = np.percentile(bend.max(axis=1), 99) if size > 0.0 else 0.0
+        varies = size > ROUNDING * np.abs(jets[:, :6]).max()
+        fastest = np.percentile(bend.max(axis=1), 99) if varies else 0.0
         return float(RESOLVED * np.sqrt(size / fastest)) if fastest > 0.0 else np.inf
 
     def channel(self, t: np.ndarray) -> tuple[str, np.ndarray, tuple[str, ...], str, tuple[str, ...]]:

@@ -182,6 +182,14 @@ def test_a_constant_force_is_held_before_and_after_the_move():
         np.testing.assert_allclose(more, expected, rtol=0.02, atol=0.5)
 
 
+def test_rounding_of_a_constant_force_needs_no_mesh():
+    """As in the trajectory of a solution, from which it is read again; a micronewton does."""
+    model, t = flexgen.read("elbow"), np.linspace(0.0, 1.0, 4001)
+    wave = np.outer(np.sin(40.0 * t), [0.0, 0.0, 1.0])
+    assert make_force(wave * 3e-13 - 200.0, model, 1.0).resolving == np.inf
+    assert make_force(wave * 1e-6 - 200.0, model, 1.0).resolving == pytest.approx(0.25 / 40.0, rel=0.05)
+
+
 def test_the_energy_balance_has_the_power_of_the_force():
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, force=milling(duration_of(equations), PLANE), progress=False)
