@@ -134,7 +134,8 @@ def control_case(
     reference = motion_reference(trajectory, path, sample_time, delay, library, time, known)
     signals = RobotFunction(signals_of(local.equations, True), chosen.values, tell) if felt else None
     if CHANNEL in trajectory:
-        reference = _resting(reference, local.equations.pushed_by(trajectory[CHANNEL][0]), chosen.values[:1])
+        pushed = LocalDynamics(local.equations.pushed_by(trajectory[CHANNEL][0]))
+        reference = resting(reference, pushed, chosen.values[:1])
     rests = local.under(process, time[0]).rests(reference.motion, chosen.values)
     whole = int(delay / sample_time + 1e-9)
     rest = delay - whole * sample_time
@@ -153,9 +154,9 @@ def control_case(
     return replace(case, gears=gears, signals=signals, laws=laws, force=process)
 
 
-def _resting(reference: MotionReference, equations: Equations, nominal: np.ndarray) -> MotionReference:
+def resting(reference: MotionReference, local: LocalDynamics, nominal: np.ndarray) -> MotionReference:
     """The reference with the torque of the equilibrium before the motion: under a force a solution begins otherwise."""
-    (_, tau), before = LocalDynamics(equations).rests(reference.motion, nominal)[0], reference.time < reference.begin
+    (_, tau), before = local.rests(reference.motion, nominal)[0], reference.time < reference.begin
     before &= (reference.held == reference.held[0]).all(axis=1)
     return replace(reference, held=np.where(before[:, None], tau, reference.held))
 

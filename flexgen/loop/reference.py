@@ -128,12 +128,11 @@ def hold_torques(trajectory: Trajectory, time: np.ndarray, sample_s: float, dela
     return np.asarray(np.where((at < 0)[:, None], tau[0], held))
 
 
-def trajectory_of(found: Inversion, begin: float, name: str) -> Trajectory:
-    """The motion of an inversion as a trajectory whose path begins at ``begin`` [s]."""
-    channels = {
-        name: getattr(found, name) for name in ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
-    } | {"a_m": time_derivative(found.v_m, found.period)}  # fmt: skip
-    order = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
-    labels = {name: tuple(map(str, range(channels[name].shape[1]))) for name in order}
-    ports = {name: Port(name, (channels[name].shape[1],), "", "") for name in order}
-    return Trajectory(found.t + begin, {name: channels[name] for name in order}, ports, labels, {"model": name})
+def trajectory_of(found: Inversion, begin: float, name: str, force: np.ndarray | None = None) -> Trajectory:
+    """The motion of an inversion as a trajectory whose path begins at ``begin`` [s]; ``force`` (n, 6): on the tool."""
+    channels = {name: getattr(found, name) for name in ("q_a", "v_a", "a_a", "q_m", "v_m")}
+    channels |= {"a_m": time_derivative(found.v_m, found.period), "tau_m": found.tau_m}
+    channels |= {} if force is None else {"force": force}
+    labels = {name: tuple(map(str, range(x.shape[1]))) for name, x in channels.items()}
+    ports = {name: Port(name, (x.shape[1],), "", "") for name, x in channels.items()}
+    return Trajectory(found.t + begin, channels, ports, labels, {"model": name})

@@ -10,11 +10,14 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
+from flexgen.environment.sense import signals_of
+from flexgen.errors import ArgumentError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import grid, time_derivative
-from flexgen.loop.case import AFTER_S, HOLD_S, Case
+from flexgen.inversion.status import Status
+from flexgen.loop.case import AFTER_S, HOLD_S, Case, resting
 from flexgen.loop.plants import LocalDynamics
 from flexgen.loop.reference import motion_reference, time_grid, trajectory_of
 from flexgen.loop.result import ControlRun
@@ -32,12 +35,15 @@ class CommandedPath:
     """Corrected paths of a move and their feedforward."""
 
     def __init__(self, case: Case, sample_s: float, delay_s: float, tell: Callable[[str], None]) -> None:
+        if case.solution.status == Status.LIMITS_ACTIVE:
+            raise ArgumentError("solution: given one whose path limits changed, expected one that follows its move")
         self._case, self.sample_s, self.delay_s = case, sample_s, delay_s
         self.equations, self.outputs = case.equations, case.model.output.size
         self.path = Path(self.equations, case.solution.move)
-        problem = InversionProblem(self.equations, self.path)
+        problem = InversionProblem(self.equations, self.path, force=case.force)
         _, self.period, self.samples_per_interval, self.n_pre, self.n_post = grid(problem, MESH_S)
-        self.library = inversion_library(Equations(case.model), "lq", memory=True, progress=tell)
+        solvers = () if case.force is None else ("invert", "force")
+        self.library = inversion_library(Equations(case.solution.model), "lq", solvers, memory=True, progress=tell)
         count = int(np.ceil((self.path.duration + EARLY_S + LATE_S) / self.period)) + 1
         self.time = -EARLY_S + self.period * np.arange(count)
         self._reduction = Reduction(self.equations)
@@ -50,6 +56,8 @@ class CommandedPath:
         first, last = self.time[0] - self.n_pre * self.period, self.time[-1] + self.n_post * self.period
         before = self.sample_s * np.ceil(HOLD_S / self.sample_s)
         self._grid = time_grid(first, last, self.sample_s, before, AFTER_S)
+        self._force = None if case.force is None else case.force.on_output(case.model, self.time)
+        self._signals = None if case.signals is None else signals_of(self.equations)
 
     def case(self, correction: np.ndarray, iteration: int) -> Case:
         """The case with the feedforward of a corrected path, and other noise in each iteration; its errors are those
@@ -59,10 +67,15 @@ class CommandedPath:
         y, dy, ddy = self._correct(correction)
         found = self.library.invert(
             y, dy, ddy, period=self.period, q_start=self.path.q_start, n_pre=self.n_pre, n_post=self.n_post,
-            samples_per_interval=self.samples_per_interval,
+            samples_per_interval=self.samples_per_interval, force=self._force,
         )  # fmt: skip
-        trajectory = trajectory_of(found, self.time[0], case.model.name)
-        reference = motion_reference(trajectory, self.path, self.sample_s, self.delay_s, case.library, self._grid)
+        pushing = None if case.force is None else case.force.at(found.t + self.time[0])
+        trajectory = trajectory_of(found, self.time[0], case.model.name, pushing)
+        reference = motion_reference(
+            trajectory, self.path, self.sample_s, self.delay_s, case.library, self._grid, self._signals
+        )
+        if case.force is not None:
+            reference = resting(reference, self._local, case.plants.values[:1])
         rests = self._local.rests(reference.motion, case.plants.values)
         return replace(case, reference=reference, rests=rests, seed=case.seed + iteration)
 

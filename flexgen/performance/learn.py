@@ -214,7 +214,8 @@ def learn(
         ``"tracker"``: of the tool, without error; ``"accelerometer"``: those of the model file, or one at the tool
         with noise of 0.05 m/s^2, and motor angles. The errors at rest are not learned then.
     controller, sample_time, delay, encoder_noise, seed, solution
-        As for `flexgen.control`; every iteration has other noise.
+        As for `flexgen.control`; every iteration has other noise. Corrected paths are inverted with the model and the
+        force of the solution.
     progress : callable or bool, optional
 
     Returns

@@ -13,6 +13,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
+from flexgen.inversion.status import Status
 from flexgen.performance.commanded import _left_jacobian
 from flexgen.plots.control import plot_learned
 from flexgen.reports.control_page import write_learned
@@ -62,6 +63,37 @@ def test_corrections_of_noise_are_no_larger_than_the_noise(solution):
     """1e-4 rad at the motors moves the tool by micrometers."""
     found = flexgen.learn("planar5_nmp", solution=solution, iterations=3, encoder_noise=1e-4, progress=False)
     assert max(found.errors_m) < 2e-5 and max(np.abs(c).max() for c in found.corrections) < 2e-5
+
+
+@pytest.mark.slow
+def test_the_feedforward_has_force_and_model_of_the_solution():
+    """The first run is that of `control`: of a force, of another model."""
+    pushed = flexgen.solve("elbow", force=lambda t: np.outer(np.ones_like(t), [0.0, 0.0, -900.0]), progress=False)
+    found = flexgen.learn("elbow", solution=pushed, iterations=1, progress=False)
+    assert max(found.errors_m) < 1e-9
+    moved = {"element.upper.dof.q1.gear.hysteresis": {"lost_motion": 2.9e-4, "stiffness": 7e6}}
+    robot, plain = flexgen.read("elbow", overrides=moved), flexgen.solve("elbow", progress=False)
+    found = flexgen.learn(robot, solution=plain, iterations=3, progress=False)
+    assert found.errors_m[0] == pytest.approx(flexgen.control(robot, solution=plain, progress=False).tool_error_max_m)
+    assert found.errors_m[0] > 5e-5 and found.errors_m[found.best] < 0.5 * found.errors_m[0]
+
+
+@pytest.mark.slow
+def test_sensors_of_forces_do_not_disturb_accelerometers(solution):
+    """Their readings along the plan are compared with, which were zero."""
+    acceleration = {"name": "a", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 1e-4}
+    torque = {"name": "t", "type": "joint_torque", "coordinate": "q1", "unit": "N m", "noise": 1.0}
+    robot = flexgen.read("planar5_nmp", overrides={"sensor": [torque, acceleration]})
+    given = {"plant": {"stiffness": 0.8}, "measured_by": "accelerometer", "encoder_noise": 1e-9, "progress": False}
+    found = flexgen.learn(robot, solution=solution, iterations=1, **given)
+    assert found.measured_errors[0] == pytest.approx(found.errors_m[0], rel=0.3)
+    assert found.errors_m[1] < 0.8 * found.errors_m[0]
+
+
+def test_a_solution_that_leaves_the_path_is_not_learned(solution):
+    limited = replace(solution, status=Status.LIMITS_ACTIVE)
+    with pytest.raises(ArgumentError, match=r"^solution: given one whose path limits changed"):
+        flexgen.learn("planar5_nmp", solution=limited, progress=False)
 
 
 @pytest.mark.slow

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 import flexgen
@@ -137,6 +137,7 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
         seed: int
         reference: Any = None
         rests: Any = None
+        force: Any = None
 
     made: Any = object.__new__(commanded.CommandedPath)
     plants = SimpleNamespace(values="values")
@@ -146,10 +147,12 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
 
     def invert(y: Any, dy: Any, ddy: Any, **given: Any) -> str:
         asked.update(given, y=y)
-        return "found"
+        return SimpleNamespace(t=np.array([-1.0, 2.0]))
 
     vars(made).update(
         library=SimpleNamespace(invert=invert),
+        _force=None,
+        _signals="signals",
         period=1e-3,
         path=SimpleNamespace(q_start="start"),
         n_pre=3,
@@ -161,13 +164,17 @@ def test_iterations_of_learning_have_other_noise(monkeypatch: pytest.MonkeyPatch
         _grid="grid",
         _local=SimpleNamespace(rests=lambda motion, values: (motion, values)),
     )
-    monkeypatch.setattr(commanded, "trajectory_of", lambda found, first, name: (found, first, name))
+    monkeypatch.setattr(commanded, "trajectory_of", lambda found, first, name, force: (force, first, name))
     reference = SimpleNamespace(motion="motion")
     monkeypatch.setattr(commanded, "motion_reference", lambda *given: asked.update(given=given) or reference)
     case = made.case(np.ones(2), 3)
     assert case.seed == 43 and case.reference is reference and case.rests == ("motion", "values")
-    assert asked["given"][0] == ("found", 0.25, "arm") and asked["n_pre"] == 3 and asked["samples_per_interval"] == 2
-    assert made.case(np.ones(2), 0).seed == 40
+    assert asked["given"][0] == (None, 0.25, "arm") and asked["n_pre"] == 3 and asked["samples_per_interval"] == 2
+    assert asked["given"][-1] == "signals" and made.case(np.ones(2), 0).seed == 40
+    made._case, made._force = replace(made._case, force=SimpleNamespace(at=lambda t: 2 * t)), "on the output"
+    monkeypatch.setattr(commanded, "resting", lambda reference, *given: SimpleNamespace(motion=given))
+    assert made.case(np.ones(2), 0).rests[0] == (made._local, "v") and asked["force"] == "on the output"
+    assert_array_equal(asked["given"][0][0], [-1.5, 4.5])
 
 
 def test_rows_of_moves_in_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
