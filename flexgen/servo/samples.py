@@ -28,7 +28,8 @@ QP = {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 200_000, "polish": True}
 
 def basis(time: np.ndarray, edges: np.ndarray, interpolation: str) -> csc_matrix:
     """The matrix (n, k) from samples at ``edges`` (k,) [s] to the reference at the instants ``time`` (n,) [s]."""
-    period, last = edges[1] - edges[0], len(edges) - 1
+    last = len(edges) - 1
+    period = (edges[-1] - edges[0]) / last  # of all: rounding of one would add up
     j = np.clip(np.floor((time - edges[0]) / period + 1e-9).astype(int), 0, last)
     x = np.clip((time - edges[j]) / period, 0.0, 1.0)
     x = np.where(x < 1e-9, 0.0, x)

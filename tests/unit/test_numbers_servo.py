@@ -94,6 +94,13 @@ def test_interpolations_are_those_of_scipy(interpolation: str) -> None:
     assert_allclose(fit_samples(B, B @ c), c, atol=1e-8)
 
 
+def test_each_sample_of_a_long_table_acts_at_its_own_instant() -> None:
+    """As often as the servo has samples: rounding of one period must not add up."""
+    time = 5e-4 * np.arange(-4200, 14000)
+    B = basis(time, time, "hold")
+    assert_allclose(B @ time, time, atol=1e-9)
+
+
 def test_samples_within_limits_are_those_of_another_solver() -> None:
     T = 4e-3
     edges = T * np.arange(20)
