@@ -11,6 +11,7 @@ import numpy as np
 
 from flexgen.atomic_files import write_text
 from flexgen.display import Figure, figure_rows, format_size, plain
+from flexgen.inversion.status import Status
 from flexgen.loop.result import ControlRun
 from flexgen.results import Result
 from flexgen.servo.columns import command_columns
@@ -88,7 +89,9 @@ class PositionCommands(Result):
         """``solved``; ``limits active``, with an error that they cost; ``failed`` with the reason."""
         if self.problem:
             return f"failed: {self.problem}"
-        return f"limits active: {', '.join(self.active)}" if self.active else "solved"
+        limited = self.run.solution.status == Status.LIMITS_ACTIVE
+        active = [*(["those of the solution"] if limited else []), *self.active]
+        return f"limits active: {', '.join(active)}" if active else "solved"
 
     @property
     def problem(self) -> str:

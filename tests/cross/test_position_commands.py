@@ -19,6 +19,7 @@ from servo_in_mujoco import GAINS, PLAIN, TABLE, InMujoco, OwnServo, robot_of, w
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.inversion.status import Status
 from flexgen.numerics.evaluate import evaluate
 
 
@@ -159,6 +160,13 @@ def test_limits_of_the_commands_are_kept_and_their_cost_is_stated(solved):
     assert found.active == ("acceleration of q1", "acceleration of q2") and found.status.startswith("limits active")
     assert (np.abs(found.acceleration) <= 0.8 * acceleration * (1 + 1e-6)).all()
     assert found.tool_error_max_m > 10 * free.tool_error_max_m
+
+
+def test_limits_of_a_solution_are_limits_of_its_positions(solved):
+    """Whose error has the distance by which the limits moved the tool off its path."""
+    limited = replace(solved["planar5_nmp"], status=Status.LIMITS_ACTIVE)
+    found = flexgen.command_positions(robot_of("planar5_nmp"), solution=limited, progress=False)
+    assert found.status == "limits active: those of the solution" and found.active == ()
 
 
 def test_filters_of_the_torque_are_inverted(solved):

@@ -92,7 +92,7 @@ def commands(failure: str, saturated: int, active: tuple[str, ...]) -> PositionC
     run, today = (
         Made(
             model=model,
-            solution=Made(move=Made(name="line")),
+            solution=Made(move=Made(name="line"), status="solved"),
             nominal=Made(failure=failure, saturated=saturated),
             tool_error_max_m=size,
             tool_error_max_rad=2 * size if saturated else None,
