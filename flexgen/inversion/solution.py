@@ -390,11 +390,12 @@ def within_limits(solution: Solution, given: Limits | None, ignore: bool) -> Sol
     """
     more = () if given is None else exceeded_limits(solution.model, given.without(*KEPT), solution.trajectory, KEPT_TO)
     solution = replace(solution, warnings=tuple(dict.fromkeys((*solution.warnings, *more))))
-    if more and solution.status in (Status.SOLVED, Status.LIMITS_ACTIVE):
-        return replace(solution, status=Status.LIMITS_EXCEEDED)
-    if ignore or solution.status != Status.SOLVED or not limit_warnings(solution.model, solution.trajectory):
+    if solution.status not in (Status.SOLVED, Status.LIMITS_ACTIVE):
         return solution
-    return replace(solution, status=Status.LIMITS_EXCEEDED)
+    robot, path, active = solution.model, solution.trajectory, solution.status == Status.LIMITS_ACTIVE
+    if not more and not ignore:  # a path that limits changed leaves the speeds of joints for which it was planned
+        more = exceeded_limits(robot, limits_of_model(robot), path, KEPT_TO) if active else limit_warnings(robot, path)
+    return replace(solution, status=Status.LIMITS_EXCEEDED) if more else solution
 
 
 def has_kinks(robot: RobotModel) -> bool:

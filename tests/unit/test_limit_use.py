@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.codegen.digest import model_digest
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.inversion.solution import exceeded_limits
+from flexgen.inversion.solution import exceeded_limits, within_limits
+from flexgen.inversion.status import Status
 from flexgen.mechanics.limit_use import limit_rows, tool_motion, uses_of_limits
 from flexgen.mechanics.limits import Limits
 from flexgen.numerics.evaluate import evaluate
@@ -134,6 +135,18 @@ def test_keys_of_a_model_file_are_limits_and_warnings() -> None:
     assert any("gear torque" in text and "N m" in text for text in names)
     again = flexgen.solve(robot, verify=False, ignore_limits=True, progress=False)
     assert again.status == "solved" and again.warnings == solution.warnings
+
+
+def test_a_path_that_given_limits_changed_exceeds_others_of_the_file() -> None:
+    """Which the given ones do not have."""
+    robot = flexgen.read("elbow", overrides={"motor.m1.torque_speed": [[0.0, 40.0], [100.0, 10.0]]})
+    solution = replace(flexgen.solve(robot, verify=False, progress=False), status=Status.LIMITS_ACTIVE)
+    assert within_limits(solution, Limits(speed=(1e3, 1e3)), False).status == "limits exceeded"
+    assert within_limits(solution, Limits(speed=(1e3, 1e3)), True).status == "limits active"
+    stopped = replace(solution, status=Status.TOLERANCE_NOT_MET)
+    assert within_limits(stopped, None, False).status == "tolerance not met"
+    wide = replace(solution, model=flexgen.read("elbow", overrides={"element.upper.dof.q1.speed_max": 0.01}))
+    assert within_limits(wide, None, False).status == "limits active"
 
 
 def test_given_limits_that_a_method_does_not_keep_are_never_ignored() -> None:
