@@ -22,8 +22,8 @@ from flexgen.trajectory import Trajectory
 
 EXPECTED = (
     "the force over the place on the path, which is 0 at its start and 1, 2, ... at the ends of its motions: an array "
-    "(n, 3) [N] of samples at equal steps of the place, (n, 6) with moments [N m], (n, 2) for a planar robot; a "
-    "function of the places (n,) that returns one; or a CSV file with the columns place, fx, fy, fz (, mx, my, mz)"
+    "(n, 3) [N] of samples at equal steps of the place, (n, 6) with moments [N m], (n, 2) for an output with two axes; "
+    "a function of the places (n,) that returns one; or a CSV file with the columns place, fx, fy, fz (, mx, my, mz)"
 )
 
 

@@ -29,8 +29,8 @@ RESOLVED = 0.25  # interval of a mesh times the angular frequency of a force tha
 ROUNDING = 1e-9  # of a constant force that was computed or read from a file
 EXPECTED = (
     "an array (n, 3) [N] of samples at equal steps from the start to the end of the path, (n, 6) with moments [N m], "
-    "(n, 2) for a planar robot; a function of the time [s] that returns one; a Trajectory, or its file, with the "
-    "channel force; or a CSV file with the columns time_s, fx, fy, fz (, mx, my, mz)"
+    "(n, 2) for an output with two axes; a function of the time [s] that returns one; a Trajectory, or its file, with "
+    "the channel force; or a CSV file with the columns time_s, fx, fy, fz (, mx, my, mz)"
 )
 
 
