@@ -28,7 +28,7 @@ from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.exports.exported import Exported, exported, left_out
 from flexgen.exports.mujoco_checks import Drive, FrictionName, check_laws, drives, refusal, with_friction
-from flexgen.exports.mujoco_forces import add_actuators, add_constraints, add_tendons
+from flexgen.exports.mujoco_forces import FAR, add_actuators, add_constraints, add_tendons
 from flexgen.exports.mujoco_inertia import principal, regroup
 from flexgen.exports.poses import chain, frame_about, pose_attributes
 from flexgen.exports.xml_text import add, document, numbers
@@ -206,9 +206,9 @@ class _Writer:
             joint.set("stiffness", numbers(dof.spring.stiffness))
             damping += dof.damping
         _set_positive(joint, damping=damping, armature=armature, frictionloss=dry)
-        if dof.lower is not None and dof.upper is not None:
+        if (ends := (dof.lower, dof.upper)) != (None, None):
             joint.set("limited", "false")
-            joint.set("range", numbers([dof.lower, dof.upper]))
+            joint.set("range", numbers([far if x is None else x for x, far in zip(ends, (-FAR, FAR), strict=True)]))
 
     def _inertial(self, body: Element, mass: float, center: np.ndarray, tensor: np.ndarray, *, moving: bool) -> None:
         """Mass and inertia; a moving body has at least `LEAST` of both."""

@@ -253,8 +253,8 @@ def _joint(
 ) -> None:
     dof = step.dof
     turns = dof is not None and dof.type == "rotation"
-    ends = None if dof is None or dof.lower is None or dof.upper is None else (dof.lower, dof.upper)
-    kind = "fixed" if dof is None else ("revolute" if ends else "continuous") if turns else "prismatic"
+    ends = (None, None) if dof is None else (dof.lower, dof.upper)
+    kind = "fixed" if dof is None else ("continuous" if ends == (None, None) else "revolute") if turns else "prismatic"
     joint = add(root, "joint", name=step.joint, type=kind)
     add(joint, "parent", link=parent)
     add(joint, "child", link=step.link)
@@ -264,9 +264,8 @@ def _joint(
     add(joint, "axis", xyz=dof.axis)
     limit = add(joint, "limit", effort=efforts.get(dof.name, UNLIMITED), velocity=dof.speed_max or UNLIMITED)
     if kind != "continuous":
-        lower, upper = ends or (-UNLIMITED, UNLIMITED)
-        limit.set("lower", repr(lower))
-        limit.set("upper", repr(upper))
+        for side, value, none in zip(("lower", "upper"), ends, (-UNLIMITED, UNLIMITED), strict=True):
+            limit.set(side, repr(none if value is None else value))
     if len(dof.mimic) == 1 and dof.mimic[0][0] in joints:  # sums of several, and elastic ones, are in the overlay only
         add(joint, "mimic", joint=dof.mimic[0][0], multiplier=dof.mimic[0][1])
     if dof.friction.viscous or dof.friction.coulomb:

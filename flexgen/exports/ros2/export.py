@@ -210,10 +210,11 @@ def _words(
     n = model.n_m
     largest = [motor.torque_max or 0.0 for motor in model.motors]
     stream = f"""
-// Of the stream controller, where its parameters say nothing else: the output at home, and the largest difference of a
-// motor angle from the start of the stream [rad].
+// Of the stream controller, where its parameters say nothing else: the output at home, the largest difference of a
+// motor angle from the start of the stream [rad], and the largest torques.
 inline constexpr std::array<double, {len(start)}> START_OUTPUT = {{{numbers(start)}}};
 inline constexpr double START_TOLERANCE = {tolerance!r};
+inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; // [N m]; 0: no limit
 """
     samples = options.samples_per_interval
     if "position" in parts:

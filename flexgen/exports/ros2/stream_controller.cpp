@@ -47,7 +47,7 @@ controller_interface::CallbackReturn StreamController::on_init()
         for (const char *name : {"position_gain", "speed_gain", "integral_gain"}) {
             auto_declare<std::vector<double>>(name, std::vector<double>());
         }
-        auto_declare<std::vector<double>>("torque_max", std::vector<double>(MODEL_NM, 0.0));
+        auto_declare<std::vector<double>>("torque_max", std::vector<double>(TORQUE_MAX.begin(), TORQUE_MAX.end()));
 #endif /* MODEL_POSITION */
         auto_declare<std::vector<double>>("gear_ratio", std::vector<double>(MODEL_NM, 1.0));
         auto_declare<std::vector<double>>("offset", std::vector<double>(MODEL_NM, 0.0));
