@@ -73,7 +73,10 @@ def _function(points: Points, name: str) -> Callable[..., Any]:
 
 
 def _array(name: str, port: Port, x: Any, real: np.dtype) -> jax.Array:
-    array = jnp.asarray(x)
+    try:
+        array = jnp.asarray(x)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(f"{name}, {port.name}: given {type(x).__name__}, expected an array of numbers") from error
     if not (jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)):
         raise ArgumentError(f"{name}, {port.name}: given entries of type {array.dtype}, expected real numbers")
     return array.astype(real)

@@ -193,6 +193,7 @@ def test_wrong_calls_are_refused_with_the_reason() -> None:
     for call, reason in (
         (lambda: made.gravity(np.zeros(3)), r"gravity, q_a: given shape \(3,\), expected \(2,\)"),
         (lambda: made.gravity(), "gravity: given 0 arguments, expected q_a"),
+        (lambda: made.gravity(object()), "gravity, q_a: given object, expected an array of numbers"),
         (lambda: made.gravity(np.zeros(2) * 1j), "real numbers"),
         (lambda: jax.hessian(lambda q: made.gravity(q).sum())(np.zeros(2)), "flexgen has no second derivatives"),
         (lambda: jax.jacfwd(jax.jacfwd(made.gravity))(np.zeros(2)), "flexgen has no second derivatives"),
