@@ -27,8 +27,8 @@ class Comparison(Result):
     ----------
     solution : Solution
     solutions : tuple of Solution
-        Solutions of the same move by simpler methods, the simplest first, then ``solution``; empty where it was not
-        verified.
+        Solutions of the same move by simpler methods, the simplest first, then ``solution``; without such methods for
+        forces on the tool, hysteresis, friction with a state and Fourier sums; empty where it was not verified.
     robustness : list of dict or None
         One row for each robot, control and method, see `flexgen.loop.robustness.compare_plants`.
 

@@ -30,6 +30,7 @@ from flexgen.loop.plants import LocalDynamics
 from flexgen.loop.sampled_model import PoseModels
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction import refuse_hysteresis
 from flexgen.observers.design import (
     Noises,
     allocate_aligned,
@@ -134,7 +135,8 @@ class ExtendedKalmanFilter:
     Raises
     ------
     ArgumentError
-        An output is not known, a noise is not above zero, or the outputs do not determine the state.
+        An output is not known, a noise is not above zero, the outputs do not determine the state, or the model has
+        hysteresis or friction with a state.
 
     Examples
     --------
@@ -160,6 +162,7 @@ class ExtendedKalmanFilter:
         if not (is_number(sample_time) and 1e-6 <= sample_time <= 1.0):
             raise ArgumentError(f"sample_time: given {sample_time!r}, expected 1e-6 to 1 s")
         robot = robot_of(model)
+        refuse_hysteresis(robot, "ExtendedKalmanFilter")
         self.channels: Channels = channels_of(robot, outputs, noise)
         self.model, self.outputs, self.sample_time = self.channels.model, self.channels.names, float(sample_time)
         self.noises = Noises(robot, torque_noise, disturbance_rate, tool_force)

@@ -407,6 +407,12 @@ def test_a_sensor_without_noise_is_refused():
         flexgen.ExtendedKalmanFilter(model, ("motors", "acc"))
 
 
+def test_the_filter_refuses_gears_with_hysteresis():
+    table = {"element.upper.dof.q1.gear.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e6}}
+    with pytest.raises(ArgumentError, match="ExtendedKalmanFilter: given elbow, whose gear of q1 has hysteresis"):
+        flexgen.ExtendedKalmanFilter(flexgen.read("elbow", overrides=table))
+
+
 def test_wrong_arrays_are_refused():
     ekf = flexgen.ExtendedKalmanFilter("planar5_nmp")
     with pytest.raises(ArgumentError, match=r"y: given shape \(1, 3\), expected \(1, 2\)"):
