@@ -36,6 +36,8 @@ def _inaccuracy(solution: Solution, accuracy: float) -> str:
     """Why the solution does not meet the tolerance."""
     if solution.stopped:
         return f"{solution.status}: {solution.stopped}; the trajectory is the best so far"
+    if held := [text for text in solution.warnings if "makes the output deviate" in text]:
+        return f"{solution.status}: {held[0]}"
     simulation = solution.simulation
     if simulation is not None and simulation.energy_error > ENERGY:
         return (

@@ -34,6 +34,8 @@ def in_words(solution: Solution) -> str:
 def _evidence(solution: Solution) -> str:
     """Method of the verification, and the largest error."""
     run = solution.simulation
+    if solution.status == Status.TOLERANCE_NOT_MET and solution.held_simulation is not None:
+        run = solution.held_simulation
     if run is None:
         size = f"{solution.residual_max_Nm:.3g} N m"
         return f"They fulfil the equations of motion to {size}, but no simulation has verified them."

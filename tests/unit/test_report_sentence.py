@@ -7,6 +7,7 @@ import dataclasses
 import pytest
 
 import flexgen
+from flexgen.inversion.problem_text import problem_of
 from flexgen.inversion.status import Status
 from flexgen.reports.sentence import in_words
 
@@ -50,3 +51,10 @@ def test_each_status_has_its_words(solution, status, words):
 def test_the_page_begins_with_the_sentence(solution, tmp_path):
     page = solution.report(tmp_path / "r").read_text(encoding="utf-8")
     assert page.index("These motor torques move the tool") < page.index("<h2>Summary</h2>")
+
+
+def test_a_hold_that_is_too_long_is_the_reason():
+    solution = flexgen.solve("elbow", "joints", hold="zoh", sample_time=0.1)
+    assert solution.status == Status.TOLERANCE_NOT_MET and solution.tool_error_max_m < 1e-6
+    assert problem_of(solution, 1e-5).startswith("tolerance not met: the zero-order hold at 100 ms makes the output")
+    assert " mm until" in in_words(solution)
