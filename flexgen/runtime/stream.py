@@ -298,8 +298,9 @@ class Stream:
     def limit(self, *, torque: Any = None, speed: Any = None, deviation: float = 0.05) -> None:
         """Set limits of the motors: from the next update on the path ahead is modified where one would be exceeded.
 
-        The path is modified only beyond the preview that the unstable zeros need. The horizon must contain half as much
-        again, better twice as much, and enough time to brake. Compare torques and speeds with the limits.
+        The path is modified only where less than a thousandth of a change reaches the present motion: beyond 7 time
+        constants of the slowest unstable zero. The horizon must contain half as much again, better twice as much, and
+        enough time to brake. Compare torques and speeds with the limits.
 
         Parameters
         ----------
