@@ -67,7 +67,7 @@ def compare(solution: Solution, *, robustness: bool = False, progress: Choice = 
     robustness : bool
         Also simulate robots whose stiffness differs by 5 and 20 %, or masses by 5 %, with and without feedback.
     progress : callable, bool, optional
-        Called with a line of text; True, False: show it on the terminal or not; default: on a terminal.
+        Called with a line of text; True, False: show it on the terminal or not; default: there and in a notebook.
 
     Returns
     -------

@@ -150,6 +150,8 @@ def simulate(
         do not grow to its size; ``"ppi"``: with it; ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
     wall : Wall, optional
         That the tool touches; its force on the tool is the channel ``contact`` of the result.
+    progress : callable or bool, optional
+        Called with a line of text; True, False: show messages or not; default: on a terminal and in a notebook.
 
     Returns
     -------
