@@ -284,7 +284,7 @@ def noise_levels(data: Frf, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return fit_levels(data.C, G, output_powers(data, data.w))
 
 
-def _noise(data: Frf, floor: float = 0.0) -> np.ndarray:
+def _noise(data: Frf, floor: float) -> np.ndarray:
     """Variances of the elements by noise, and by a model error that is a part of their size."""
     noise = data.variance if data.total is None else np.maximum(_smooth_variances(data.total, data.G), data.variance)
     return np.asarray(noise + (floor**2 + LEAST_RELATIVE_SD**2) * np.abs(data.G) ** 2)

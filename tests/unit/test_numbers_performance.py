@@ -529,3 +529,10 @@ def test_a_corrected_pose_is_turned_and_has_the_rates_of_its_rotation() -> None:
     for part in (slice(0, 3), slice(3, 6)):
         slope = np.gradient(rates[:, part], h, axis=0)
         assert_allclose(second[inside, part], slope[inside], atol=2e-2 * np.abs(slope).max())
+
+
+def test_the_mesh_of_a_search_is_a_part_of_the_duration() -> None:
+    """Of `flexgen.performance.time_search`: what resolves the force, at most 5 ms."""
+    search = SimpleNamespace(_resolving=0.004)
+    found = [TimeSearch.mesh(search, duration) for duration in (0.5, 1.2, 8.0)]  # type: ignore[arg-type]
+    assert found == pytest.approx([0.002, 0.0048, 0.005])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import struct
 from dataclasses import replace
 from inspect import unwrap
 from types import SimpleNamespace
@@ -27,7 +29,7 @@ from flexgen.paths.time_laws import TimeLaw
 from flexgen.sweeps import batches, cases, closed_form_batch, folder, summary, sweep
 from flexgen.sweeps.closed_form_batch import JointMoves, Peaks, friction, friction_derivatives
 from flexgen.sweeps.jobs import Job
-from flexgen.sweeps.table import RESULTS, TIMES, Column, are_rows, table_of
+from flexgen.sweeps.table import RESULTS, TIMES, Column, Table, are_rows, table_of
 
 FRICTION = Friction(viscous=0.3, coulomb=0.8, stribeck=0.4, alpha=2.0, beta=5.0, offset=0.1)
 
@@ -503,3 +505,12 @@ def test_a_move_of_a_batch_is_warned_of_each_limit_that_it_exceeds() -> None:
         f"coordinate {names[1][0]}: 2.5 rad/s exceeds its limit 2 rad/s",
         f"coordinate {names[1][0]}: 10.5 rad/s^2 exceeds its limit 10 rad/s^2",
     )
+
+
+def test_the_digest_of_a_table_is_of_texts_as_json_and_of_the_bits_of_numbers() -> None:
+    """SHA-256 of the lines that `Table.digest` states, computed here."""
+    columns = Column("model", "text", "", ""), Column("tool_error_max", "float", "m", "")
+    values = {"model": np.array(["elbow", "planar5_nmp"]), "tool_error_max": np.array([1e-9, -0.0])}
+    content = b"model text  2\n" + b'["elbow", "planar5_nmp"]' + b"tool_error_max float m 2\n"
+    content += struct.pack("=2d", 1e-9, -0.0)
+    assert Table(columns, values).digest == hashlib.sha256(content).hexdigest()
