@@ -410,9 +410,12 @@ def test_the_files_are_well_formed_and_complete(package):
 def test_gains_names_and_the_plugin_alone(tmp_path):
     import yaml
 
-    flexgen.export_ros2(NAME, tmp_path / "a", package="my_arm", gains=gains(), maintainer='<"A" & B>', license_name="X")
+    flexgen.export_ros2(
+        NAME, tmp_path / "a", package="my_arm", gains=gains(2.5), maintainer='<"A" & B>', license_name="X"
+    )
     config = yaml.safe_load((tmp_path / "a" / "config" / "controller.yaml").read_text())
-    assert config["stream_controller"]["ros__parameters"]["speed_gain"] == [0.8, 0.5]
+    found = config["stream_controller"]["ros__parameters"]
+    assert found["speed_gain"] == [0.8, 0.5] and found["torque_max"] == [2.5, 2.5]
     tree = ElementTree.parse(tmp_path / "a" / "package.xml")
     assert tree.findtext("maintainer") == '<"A" & B>' and tree.findtext("name") == "my_arm"
     assert "namespace flexgen_my_arm" in (tmp_path / "a" / "src" / "inverse_dynamics.cpp").read_text()

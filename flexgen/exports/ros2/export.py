@@ -181,9 +181,8 @@ def _words(
 ) -> dict[str, str]:
     """The numbers and names of the templates."""
     model, equations = library.model, library.equations
-    home = np.zeros(model.n_a)
+    home, zero = np.zeros((2, model.n_a))
     home[list(model.i_g)] = model.home
-    zero = np.zeros(model.n_a)
     torques = evaluate(equations.function("inverse_dynamics"), home, zero, zero)[0][0]
     words = {
         "ACTUATED": ", ".join(str(i) for i in model.i_g),
@@ -208,7 +207,8 @@ def _words(
     tolerance = STEP_TOLERANCE if "position" in parts else START_TOLERANCE
     start, tolerance = output_at(equations, home), tolerance * float(np.abs(model.eta).max())
     n = model.n_m
-    largest = [motor.torque_max or 0.0 for motor in model.motors]
+    own = getattr(gains, "torque_max", None)
+    largest = [motor.torque_max or 0.0 for motor in model.motors] if own is None else own
     stream = f"""
 // Of the stream controller, where its parameters say nothing else: the output at home, the largest difference of a
 // motor angle from the start of the stream [rad], and the largest torques.
