@@ -4,6 +4,7 @@ The torques of the gears follow from the motors, those that the robot needs from
 
     eta' (tau_m + d tau_m' - J_m a_m - f(v_m)) = [M(q_a; m, c) a_a + c + g]_g,    all low-passed forwards and backwards
 
+The motion is low-passed at a higher frequency first: squares of smoothed speeds are not what is smoothed of squares.
 d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. Gears and
 links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the forces of
 the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c, d); the covariance follows
@@ -33,6 +34,7 @@ from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
 
 LOW_PASS_HZ = 8.0
+OF_MOTION, HIGHEST = 3.0, 0.4  # low pass of the motion: times that of the torques; at most, times the sample rate
 STEPS, CLOSE = 20, 1e-9
 NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
 DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
@@ -94,7 +96,7 @@ def identify_load(
     record : Trajectory, or the name of its file
         Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, on an equidistant grid, as of `ControlRun.trajectory`.
     low_pass_hz : float [Hz]
-        Of torques and motion; below the natural frequencies.
+        Of the torques; that of the motion is three times as high. Below the natural frequencies.
     rigid : bool
         Without deflections, for comparison.
 
@@ -137,6 +139,7 @@ class _Estimate:
             raise ArgumentError(f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz")
         self.robot, self.h, self.rigid = robot, h, rigid
         self._filter = butter(2, 2 * low_pass_hz * h)
+        self._of_motion = butter(2, 2 * min(OF_MOTION * low_pass_hz * h, HIGHEST))
         self.kept = slice(round(ENDS / h), -round(ENDS / h))
         q_m = record["q_m"]
         v_m = np.gradient(self._smooth(q_m), h, axis=0)
@@ -146,19 +149,23 @@ class _Estimate:
         friction = evaluate(self.equations.function("motor_friction"), np.gradient(q_m, h, axis=0))[0]
         inertia = np.array([m.inertia for m in robot.motors])
         needed = self._smooth(record["tau_m"] - friction.reshape(q_m.shape)) - inertia * a_m
-        self.tau_g = needed @ robot.eta
-        self.late = np.gradient(self._smooth(record["tau_m"]), h, axis=0) @ robot.eta
+        tau_g = needed @ robot.eta
+        self.tau_g = self._low_pass(tau_g)
+        self.late = self._low_pass(np.gradient(self._smooth(record["tau_m"]), h, axis=0) @ robot.eta)
         self.to_arm = np.linalg.inv(robot.eta).T
         self.q_m = self._smooth(q_m)
         self.nominal = derive(robot)
         self.q_geared = np.zeros((len(q_m), robot.n_a))  # arm angles behind the gears; they do not depend on the load
         self.q_geared[:, list(robot.i_g)] = self.q_m @ self.to_arm
         if not rigid:
-            self.q_geared[:, list(robot.i_g)] -= gear_deflection(self.nominal, self.tau_g).reshape(len(q_m), -1)
+            self.q_geared[:, list(robot.i_g)] -= gear_deflection(self.nominal, tau_g).reshape(len(q_m), -1)
             self.stiffness = self._stiffness()
         self.effective = len(time[self.kept]) * min(1.0, 2.5 * low_pass_hz * h)  # independent samples
 
     def _smooth(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(filtfilt(*self._of_motion, x, axis=0))
+
+    def _low_pass(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(filtfilt(*self._filter, x, axis=0))
 
     def motion(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -199,7 +206,7 @@ class _Estimate:
         friction = evaluate(self.nominal.function("arm_forces"), *self.motion(x[:4])[:2])[0].reshape(-1, self.robot.n_a)
 
         def residual(x: np.ndarray) -> np.ndarray:
-            tau = self.forces(*self.motion(x[:4]), x[:4]) - friction
+            tau = self._low_pass(self.forces(*self.motion(x[:4]), x[:4]) - friction)
             needed = (self.tau_g + x[4] * self.late)[self.kept]
             return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - needed) / scale)
 

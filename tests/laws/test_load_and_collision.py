@@ -76,6 +76,14 @@ def test_torques_that_are_recorded_late_do_not_change_the_load():
 
 
 @pytest.mark.slow
+def test_the_low_pass_takes_nothing_from_the_load():
+    """From a motion that was low-passed as the torques are, the mass is 3 of 5,000 g too small."""
+    found = flexgen.identify_load("manutec_r3", planned(20.0))
+    assert abs(found.mass - 5.0) < 1e-3
+    assert np.abs(found.com - flexgen.read("manutec_r3").payload.com).max() < 1e-4
+
+
+@pytest.mark.slow
 def test_nothing_at_the_tool_and_other_units_are_told_apart():
     data = planned(1e-6)
     found = flexgen.identify_load(flexgen.read("manutec_r3", overrides={"payload.mass": 1e-6}), data)

@@ -59,13 +59,13 @@ def test_a_known_load_is_identified() -> None:
     given = record("manutec_r3", change)
     found = identify_load("manutec_r3", given, low_pass_hz=6.0)
     total = np.array([15.0, 0.1, 0.25, 0.1]) + change
-    assert_allclose(np.r_[found.total_mass, found.total_com], total, atol=0.12)
+    assert_allclose(np.r_[found.total_mass, found.total_com], total, atol=0.02)
     com = (total[0] * total[1:] - 15.0 * np.array([0.1, 0.25, 0.1])) / 3.0
-    assert_allclose(found.com, com, atol=0.1)
+    assert_allclose(found.com, com, atol=3e-3)
     assert found.mass == pytest.approx(found.total_mass - 15.0)
     assert_allclose(found.com, (found.total_mass * found.total_com - 15 * np.array([0.1, 0.25, 0.1])) / found.mass)
-    numbers = [found.mass_sd, *found.com_sd, *found.residual_Nm]
-    measured = [0.254708, 0.0153398, 0.0299813, 0.0156096, 1.28773, 1.5615, 0.817314, 3.45361, 4.51572, 2.49598]
+    numbers = [found.mass_sd, *found.com_sd, *found.residual_Nm[:2]]
+    measured = [0.00249001, 1.55658e-4, 3.05036e-4, 1.58809e-4, 0.0473373, 0.0665023]
     assert_allclose(numbers, measured, rtol=1e-4)  # no other route: as measured when this test was written
 
 
@@ -92,17 +92,16 @@ def test_the_estimate_of_a_load_filters_torques_and_motion() -> None:
     given = record("elbow", np.zeros(4))
     model = flexgen.read("elbow")
     found = payload._Estimate(model, given, 8.0, False)
-    b, a = butter(2, 2 * 8.0 * 5e-3)
 
-    def smooth(x: np.ndarray) -> np.ndarray:
-        return filtfilt(b, a, x, axis=0)
+    def smooth(x: np.ndarray, times: float = 3.0) -> np.ndarray:
+        return filtfilt(*butter(2, 2 * times * 8.0 * 5e-3), x, axis=0)
 
     acceleration = np.gradient(np.gradient(smooth(given["q_m"]), 5e-3, axis=0), 5e-3, axis=0)
     speed = np.gradient(given["q_m"], 5e-3, axis=0)
     friction = evaluate(derive(model).function("motor_friction"), speed)[0].reshape(speed.shape)
     needed = smooth(given["tau_m"] - friction) - acceleration * [m.inertia for m in model.motors]
-    assert_allclose(found.tau_g, needed @ model.eta, rtol=1e-9, atol=1e-9)
-    bent = gear_deflection(derive(model), found.tau_g).reshape(400, -1)
+    assert_allclose(found.tau_g, smooth(needed @ model.eta, 1.0), rtol=1e-9, atol=1e-9)
+    bent = gear_deflection(derive(model), needed @ model.eta).reshape(400, -1)
     assert_allclose(found.q_geared, smooth(given["q_m"]) @ np.linalg.inv(model.eta).T - bent, atol=1e-9)
     assert (found.kept, found.effective) == (slice(100, -100), pytest.approx(200 * 2.5 * 8.0 * 5e-3))
     rigid = payload._Estimate(model, given, 8.0, True)
