@@ -171,7 +171,7 @@ def test_a_problem_without_zeros_has_none_along_its_path() -> None:
 @pytest.mark.parametrize(("explained", "used"), [(0.9, True), (0.8999, False), (0.2, False)])
 def test_a_servo_that_explains_too_little_is_not_used(explained: float, used: bool) -> None:
     made = object.__new__(ServoFit)
-    vars(made).update(explained=explained)
+    vars(made).update(explained=explained, converged=True)
     text = f"the servo explains {100 * explained:.0f} % of the lag of the robot, expected 90 %: another structure"
     assert made.problem.startswith(text) != used and (made.problem == "") == used
 
