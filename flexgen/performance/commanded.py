@@ -66,9 +66,16 @@ class CommandedPath:
         case = self._case
         y, dy, ddy = self._correct(correction)
         found = self.library.invert(
-            y, dy, ddy, period=self.period, q_start=self.path.q_start, n_pre=self.n_pre, n_post=self.n_post,
-            samples_per_interval=self.samples_per_interval, force=self._force,
-        )  # fmt: skip
+            y,
+            dy,
+            ddy,
+            period=self.period,
+            q_start=self.path.q_start,
+            n_pre=self.n_pre,
+            n_post=self.n_post,
+            samples_per_interval=self.samples_per_interval,
+            force=self._force,
+        )
         pushing = None if case.force is None else case.force.at(found.t + self.time[0])
         trajectory = trajectory_of(found, self.time[0], case.model.name, pushing)
         reference = motion_reference(

@@ -222,7 +222,7 @@ class Library:
         servo : True or mapping, optional
             The positions to send too, as `Library.invert` takes it; the stream starts at rest.
         force : array (n_y,), optional
-            Of a library with it: on the output until `Stream.set_force`. In motion (intervals + 16, 3 n_y), as there.
+            Force on the output until `Stream.set_force`; in motion (intervals + 16, 3 n_y), as there. Part ``"force"``.
 
         Returns
         -------
