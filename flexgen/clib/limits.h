@@ -14,6 +14,9 @@
 #define MODEL_LIMITS_H
 
 #include "model_inversion_common.h"
+#if MODEL_LUGRE
+#include "model_lugre.h"
+#endif /* MODEL_LUGRE */
 #include "model_motors.h"
 #include "model_path.h"
 #include "model_reduced_problem.h"
@@ -243,6 +246,9 @@ enum {
     MOTORS = 2 * NM, /* torques and speeds at a node */
 #endif                     /* MODEL_BOUNDS */
     BOUNDED = MOTORS + NY, /* and deviations */
+#if MODEL_HARMONICS
+    SWINGS = 5, /* numbers of a motor, see find_swings */
+#endif          /* MODEL_HARMONICS */
     QP_STEPS = 80
 };
 
@@ -264,6 +270,9 @@ static const real limit_weight = 1e-2; /* weight of an exceeded limit, relative 
 typedef struct {
     ptrdiff_t on, fixed, bound, plan, deviation, value, q, v, a, tau, deflection, lagged;
     ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
+#if MODEL_HARMONICS
+    ptrdiff_t swing; /* largest numbers of the Fourier sums */
+#endif               /* MODEL_HARMONICS */
 #if MODEL_BOUNDS
     ptrdiff_t curve;           /* edges of the torque-speed curves: torque at rest, and what a speed takes from it */
     ptrdiff_t torque, elastic; /* motor torques without friction, and deflections at the nodes */
@@ -304,6 +313,9 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     PLACE(b, INPUTS);
     PLACE(row, rows);
     PLACE(dual, rows);
+#if MODEL_HARMONICS
+    PLACE(swing, NM * SWINGS);
+#endif /* MODEL_HARMONICS */
 #if MODEL_BOUNDS
     PLACE(curve, 2 * NM * EDGES);
     PLACE(torque, nodes * NM);
@@ -338,31 +350,45 @@ static inline real tool_rate(const real *s, const limits_layout *l, ptrdiff_t k,
 }
 
 /*
- * All limited quantities at node k but deviations and motor speeds, relative to their limits; 0 where a number is not
- * finite. Rates are those without the friction, which changes at once where a motor reverses, whatever the path.
+ * All limited quantities at node k but deviations and motor speeds, relative to their limits; a: accelerations of the
+ * gears, motor side. Rates are those without the friction, which changes at once where a motor reverses, whatever the
+ * path, and without Fourier sums of the angle.
  */
-static inline int all_values(
-    real *s, const limits_layout *l, ptrdiff_t k, real h, real T, const real *v_m, const real *tau_m, real *space)
+static inline void all_values(
+    real *s, const limits_layout *l, ptrdiff_t k, real h, real T, const real *a, const real *v_m, const real *tau_m)
 {
-    real friction[NM];
-    const real *bound = s + l->bound;
+    const real *bound = s + l->bound, *tau = s + l->tau + k * NG;
     real *value = s + l->value + k * BOUNDED, *torque = s + l->torque + k * NM, *edge = s + l->edge + k * 2 * NM;
-    if (evaluate_motor_friction(v_m, friction, space) != MODEL_OK) {
-        return 0;
-    }
+#if MODEL_HARMONICS
+    real by_speed;
+#endif /* MODEL_HARMONICS */
     for (int i = 0; i < NM; ++i) {
         if (k > 0 || !is_finite(torque + i, 1)) { /* differences at node 0 are those of node 1: kept from before */
-            torque[i] = tau_m[i] - friction[i];
+            torque[i] = 0.0;
+            for (int g = 0; g < NG; ++g) {
+                torque[i] += rotor_inertia[i] * eta[i][g] * a[g] + eta_inverse[g][i] * tau[g];
+            }
         }
         edge[2 * i] = 1.0 / bound[i];
         edge[2 * i + 1] = 0.0;
+#if MODEL_HARMONICS
+        { /* the part of transmission errors rises with the square of the speed */
+            const real *most = s + l->swing + i * SWINGS, rise = 2.0 * rotor_inertia[i] * most[1] * most[4];
+            by_speed = copysign_1(rise * v_m[i] / most[0], tau_m[i] * v_m[i]);
+            edge[2 * i + 1] = by_speed / bound[i];
+        }
+#endif                                    /* MODEL_HARMONICS */
         for (int e = 0; e < EDGES; ++e) { /* |tau| + load |v| <= most */
             const real *curve = s + l->curve + 2 * (i * EDGES + e);
             const real used = (fabs_1(tau_m[i]) + curve[1] * fabs_1(v_m[i])) / curve[0];
             if (used > fabs_1(value[i])) {
                 value[i] = tau_m[i] < 0.0 ? -used : used;
                 edge[2 * i] = 1.0 / curve[0];
+#if MODEL_HARMONICS
+                edge[2 * i + 1] = (by_speed + (tau_m[i] * v_m[i] < 0.0 ? -curve[1] : curve[1])) / curve[0];
+#else  /* MODEL_HARMONICS */
                 edge[2 * i + 1] = (tau_m[i] * v_m[i] < 0.0 ? -curve[1] : curve[1]) / curve[0];
+#endif /* MODEL_HARMONICS */
             }
         }
         value[RATE_ROWS + i] = k > 0 ? (torque[i] - torque[i - NM]) / (h * bound[RATE_ROWS + i]) : 0.0;
@@ -378,10 +404,73 @@ static inline int all_values(
     for (int order = 1; order <= 2; ++order) {
         value[TOOL_ROWS + order - 1] = tool_rate(s, l, k, order, T) / bound[TOOL_ROWS + order - 1];
     }
-    return 1;
 }
 
 #endif /* MODEL_BOUNDS */
+#if MODEL_HARMONICS
+/*
+ * The largest numbers of the Fourier sums of each motor over a turn: speed of the motor over that without transmission
+ * error, acceleration over the square of that speed, change of the share of the load, cogging, and one over the gain.
+ */
+static inline int find_swings(real *swing, real *space)
+{
+    real still[NM] = {0.0}, one[NM], w[NM], q_m[NM], v_m[NM], a_m[NM], share[NM], cogging[NM], gain[NM];
+    for (int j = 0; j < NM; ++j) {
+        one[j] = 1.0;
+        set_zero(swing + j * SWINGS, SWINGS);
+    }
+    for (int k = 0; k < HARMONIC_ANGLES; ++k) {
+        for (int j = 0; j < NM; ++j) {
+            w[j] = PRECISE(6.283185307179586, 6.2831855) * (real)k / (real)HARMONIC_ANGLES;
+        }
+        if (evaluate_motor_harmonics(w, one, still, q_m, v_m, a_m, share, cogging, gain, space) != MODEL_OK) {
+            return 0;
+        }
+        for (int j = 0; j < NM; ++j) {
+            const real now[SWINGS] = {
+                v_m[j], fabs_1(a_m[j]), fabs_1(share[j] - 1.0), fabs_1(cogging[j]), 1.0 / gain[j]};
+            for (int i = 0; i < SWINGS; ++i) {
+                swing[j * SWINGS + i] = fmax_1(swing[j * SWINGS + i], now[i]);
+            }
+        }
+    }
+    return is_finite(swing, NM * SWINGS);
+}
+
+/* Speeds and torques of the motors, as `motors_of`, at the angles at which the Fourier sums make them the largest. */
+static inline int largest_motors(
+    const real *swing, const real *v, const real *a, const real *tau_g, real *v_m, real *tau_m, real *space)
+{
+    real friction[NM], load[NM], speed[NM], acceleration[NM];
+    for (int j = 0; j < NM; ++j) {
+        speed[j] = acceleration[j] = load[j] = 0.0;
+        for (int i = 0; i < NG; ++i) {
+            speed[j] += eta[j][i] * v[i];
+            acceleration[j] += eta[j][i] * a[i];
+            load[j] += eta_inverse[i][j] * tau_g[i];
+        }
+    }
+#if MODEL_LOAD
+    if (evaluate_loaded_friction(speed, load, friction, space) != MODEL_OK) {
+        return 0;
+    }
+#else  /* MODEL_LOAD */
+    if (evaluate_motor_friction(speed, friction, space) != MODEL_OK) {
+        return 0;
+    }
+#endif /* MODEL_LOAD */
+    for (int j = 0; j < NM; ++j) {
+        const real *most = swing + j * SWINGS, J = rotor_inertia[j];
+        const real mean = friction[j] + J * acceleration[j] + load[j];
+        const real turning = (most[0] - 1.0) * fabs_1(acceleration[j]) + most[1] * speed[j] * speed[j];
+        const real more = J * turning + most[2] * fabs_1(load[j]) + most[3];
+        v_m[j] = most[0] * speed[j];
+        tau_m[j] = copysign_1((fabs_1(mean) + more) * most[4], mean);
+    }
+    return is_finite(v_m, NM) && is_finite(tau_m, NM);
+}
+
+#endif /* MODEL_HARMONICS */
 /* Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the arm there. */
 static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
 {
@@ -408,17 +497,26 @@ static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, 
             v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
             a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
         }
+#if MODEL_HARMONICS
+        (void)q;
+        (void)q_m;
+        if (!largest_motors(s + l->swing, v, a, tau, v_m, tau_m, space)) {
+            return 0;
+        }
+#else  /* MODEL_HARMONICS */
         if (!motors_of(q, v, a, tau, q_m, v_m, tau_m, space)) {
             return 0;
         }
+#endif /* MODEL_HARMONICS */
         for (int i = 0; i < NM; ++i) {
+#if MODEL_LUGRE
+            tau_m[i] += sliding_torque(i, v_m[i]);
+#endif /* MODEL_LUGRE */
             value[i] = tau_m[i] / s[l->bound + i];
             value[NM + i] = v_m[i] / s[l->bound + NM + i];
         }
 #if MODEL_BOUNDS
-        if (!all_values(s, l, k, h, h * (real)N / DECAYS, v_m, tau_m, space)) {
-            return 0;
-        }
+        all_values(s, l, k, h, h * (real)N / DECAYS, a, v_m, tau_m);
 #endif /* MODEL_BOUNDS */
         for (int i = 0; i < NY; ++i) {
             value[MOTORS + i] = s[l->deviation + k * DEVIATION + i] / s[l->bound + MOTORS + i];

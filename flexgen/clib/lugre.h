@@ -124,6 +124,14 @@ static inline real bristle_step(int j, const real c[4], real begin, real width, 
     return size * (radau_A[2][0] * x[0] + radau_A[2][1] * x[1] + radau_A[2][2] * x[2]);
 }
 
+/* Torque of the bristles of motor j in a motion at constant speed. */
+static inline real sliding_torque(int j, real v)
+{
+    const real share = v / lugre_speed[j];
+    const real level = lugre_coulomb[j] + (lugre_static[j] - lugre_coulomb[j]) * exp_1(-share * share);
+    return v != 0.0 && lugre_coulomb[j] > 0.0 ? copysign_1(level, v) : 0.0;
+}
+
 /* The time constants since the last reversal, after `passed` more on the way in one direction. */
 static inline real since_then(real since, real passed, real way)
 {

@@ -654,6 +654,12 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
     l = layout_of(stream);
     stream[STALE] = 1.0;
     keep_parameters(parameters, stream + l.space);
+#if MODEL_HARMONICS
+    if (stream[l.limits] > 0.0) {
+        const limits_layout w = limits_laid_out((ptrdiff_t)stream[INTERVALS]);
+        return find_swings(stream + l.limits + w.swing, stream + l.space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+    }
+#endif /* MODEL_HARMONICS */
     return MODEL_OK;
 }
 #endif
@@ -676,14 +682,6 @@ model_status model_stream_force(const model_stream *given, const real *force)
 }
 
 #endif /* MODEL_FORCE */
-#if MODEL_HYSTERESIS
-#else /* MODEL_HYSTERESIS */
-#if MODEL_LUGRE
-#else /* MODEL_LUGRE */
-#if MODEL_LOAD
-#else /* MODEL_LOAD */
-#if MODEL_HARMONICS
-#else /* MODEL_HARMONICS */
 COLD model_status model_stream_limits(
     const model_stream *given, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
 {
@@ -712,6 +710,11 @@ COLD model_status model_stream_limits(
     if (!(stream[l.limits + w.on] > 0.0) && !start_limits(stream, &l)) {
         return MODEL_HORIZON_TOO_SHORT;
     }
+#if MODEL_HARMONICS
+    if (!find_swings(stream + l.limits + w.swing, stream + l.space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+#endif /* MODEL_HARMONICS */
     bound = stream + l.limits + w.bound;
     copy(torque_max, NM, bound);
     copy(speed_max, NM, bound + NM);
@@ -782,10 +785,6 @@ COLD model_status model_stream_all_limits(
     return MODEL_OK;
 }
 #endif /* MODEL_BOUNDS */
-#endif /* MODEL_HARMONICS */
-#endif /* MODEL_LOAD */
-#endif /* MODEL_LUGRE */
-#endif /* MODEL_HYSTERESIS */
 
 /* Status of an update that fails after its sample was taken; UNREACHABLE would mean that the sample was refused. */
 static model_status failed(real *stream, int status)

@@ -20,11 +20,7 @@ from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.model.elements import RobotModel
-from flexgen.model.friction import bristled_motors, has_harmonics, hysteretic_joints, loaded_motors
-
-# of gears without hysteresis, motors without Fourier sums of their angle and without friction of state or load
-OF_PLAIN_MOTORS = ("stream_limits", "stream_all_limits")
-NO_LIMITS = "because of hysteresis, lugre, friction that depends on the load or Fourier sums of motor angles"
+from flexgen.model.friction import bristled_motors, has_harmonics
 
 _N = "n_pre + n + n_post"
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
@@ -367,8 +363,6 @@ def offered_c_functions(
     offered = [f for f in offered if f.file != "growth.c" or "linearize" in functions]
     if position_obstacle(model) is not None:
         offered = [f for f in offered if f.part != POSITION]
-    if hysteretic_joints(model) or has_harmonics(model) or bristled_motors(model) or loaded_motors(model):
-        offered = [f for f in offered if f.name not in OF_PLAIN_MOTORS]
     offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:
         return (*(function for function in offered if not function.parametrized), *kinematic)
@@ -383,10 +377,7 @@ def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str
         if part != DERIVATIVES and not any(
             f.part == part for f in offered_c_functions(model, functions, (), precision, parts)
         ):
-            own = {
-                POSITION: position_obstacle(model),
-                BOUNDS: f"streams of model {model.name} keep no limits, {NO_LIMITS}",
-            }
+            own = {POSITION: position_obstacle(model)}
             alone = "it is in double precision only" * (precision != "double")
             elastic = f"model {model.name} has no coordinates without motor"
             reason = inversion_reason(model, functions) or own.get(part) or alone or elastic

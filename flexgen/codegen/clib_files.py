@@ -254,8 +254,8 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     n_y, n_a, n_t = (spec.sizes[key] for key in ("n_y", "n_a", "n_t"))
     more = 3 * n_y * spec.force  # numbers of a sample: the force and its derivatives
     sizes = {**spec.sizes, "n_t": n_t + more}
-    elements = count_elements(spec), is_curved(spec)
-    has = Contents(*elements, has_positions(spec), is_bristled(spec), has_bounds(spec), filter_sizes(spec))
+    own = has_positions(spec), is_bristled(spec), has_bounds(spec), is_harmonic(spec)
+    has = Contents(count_elements(spec), is_curved(spec), *own, filter_sizes(spec))
     size = stream_size(sizes, space_of(spec, written) + len(spec.parameters) + more, block, has)
     arithmetic = {}
     for f in used:

@@ -124,6 +124,8 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         for name, values in constants.lugre.items():
             note = " /* 0: none */" * (name == "coulomb")
             text += f"static const real lugre_{name}[{nm}] = {join(values)};{note}\n"
+    if constants.highest_harmonic:  # sixteen angles in the shortest period
+        text += f"enum {{ HARMONIC_ANGLES = {16 * constants.highest_harmonic} }}; /* of a turn of a motor */\n"
     if (servo := constants.servo) is not None and servo.filters:
         taps, h = inverse_taps(servo.low_pass, servo.sample_time)[0], servo.sample_time
         names = ("FILTER_BEFORE", "FILTER_AHEAD", "NOTCHES")

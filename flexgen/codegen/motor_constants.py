@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexgen.model.elements import LinearSpring, RobotModel
-from flexgen.model.friction import bristled_motors
+from flexgen.model.friction import bristled_motors, harmonic_sums
 from flexgen.position_servo.keys import ServoTable
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ class MotorConstants:
         Of each curve `flexgen.memory.hysteresis_law.Curve.table`: where its parts begin, and the rows.
     lugre : dict of str to tuple of float
         Numbers of `flexgen.memory.lugre.MotorBristles` by their names; empty where no motor has any.
+    highest_harmonic : int
+        Of the Fourier sums of motor angles; zero: none.
     arm_side : tuple of float
         Of each position in the state of ``linearize``: 1, or the largest gear ratio of a motor behind elastic gears.
     servo : ServoTable, optional
@@ -69,6 +71,7 @@ class MotorConstants:
     hysteresis_bend: tuple[tuple[float, ...], ...]
     curves: tuple[tuple[tuple[int, ...], tuple[tuple[float, ...], ...]], ...]
     lugre: dict[str, tuple[float, ...]]
+    highest_harmonic: int
     arm_side: tuple[float, ...]
     servo: ServoTable | None
     pose: bool
@@ -134,6 +137,7 @@ def motor_constants(
         hysteresis_bend=rows([layer.bend for layer in layers]),
         curves=tuple((part, rows(table)) for part, table in (curve_of(*law).table() for law in laws)),
         lugre=_lugre(model),
+        highest_harmonic=max((k for one in harmonic_sums(model).values() for k in one.harmonics), default=0),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),
         servo=model.servo if position and position_obstacle(model) is None else None,
         pose=model.output.type == "tool_pose",

@@ -13,7 +13,7 @@ BLOCK = {"double": 8, "single": 16}  # reals to which arrays are padded, and poi
 STAGES, GROUP, PANEL = 3, 8, 8
 MARGIN, LEVELS, LAST = 3, 3, 5
 BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
-BLOCKS, CHAIN, QP_STEPS, EDGES = 8, 5, 80, 20
+BLOCKS, CHAIN, QP_STEPS, EDGES, SWINGS = 8, 5, 80, 20, 5
 HEAD = 21  # numbers before the arrays
 AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
@@ -52,13 +52,15 @@ class Linear:
 @dataclass(frozen=True)
 class Contents:
     """What a stream has: elements of hysteresis in a gear, some by other laws than Dahl's; positions to send, frictions
-    with a state, all limits; of filters of a servo samples before the present one, after it, and notches."""
+    with a state, all limits, Fourier sums of motor angles; of filters of a servo samples before the present one, after
+    it, and notches."""
 
     elements: int
     curved: bool
     position: bool
     bristles: bool
     bounds: bool
+    harmonics: bool
     filters: tuple[int, int, int]
 
 
@@ -92,7 +94,7 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int, has: C
     node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
     node += has.bounds * (3 * n_m + n_e)
     limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + (24 + 4 * has.bounds) * rounding, node, 0)
-    limits += Linear(has.bounds * 2 * n_m * EDGES, 0, 0)
+    limits += Linear(has.bounds * 2 * n_m * EDGES + has.harmonics * (SWINGS * n_m + rounding), 0, 0)
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
     total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)

@@ -312,8 +312,7 @@ class Stream:
         Raises
         ------
         ArgumentError
-            Where a limit is not positive, the horizon is too short, the stream has failed, its library was closed, or
-            the model has hysteresis, lugre, friction that depends on the load or Fourier sums of motor angles.
+            Where a limit is not positive, the horizon is too short, the stream has failed, or its library was closed.
         """
         self._entries.refuse_closed()
         n_m = self._sizes["n_m"]
@@ -355,24 +354,17 @@ class Stream:
         >>> stream.limit_all(**limits.for_library("elbow"), deviation=0.01)
         """
         self._entries.refuse_closed()
-        entry, given = self._entries.all_limits, []
-        if entry is None and self._entries.limits is not None:
+        entry = self._entries.all_limits
+        if entry is None:
             raise ArgumentError(
                 f"stream: given limits of all kinds, but library {self._entries.name} has no part limits; generate it "
                 'with parts=["limits"] (--with limits)'
             )
-        if entry is not None:
-            members = limit_members("stream", limits, self._sizes, self._entries.real)
-            given = [ctypes.byref(struct_of(self._entries.structs["inversion_limits"], **members))]
-        self._limit(entry, given, deviation)
+        members = limit_members("stream", limits, self._sizes, self._entries.real)
+        self._limit(entry, [ctypes.byref(struct_of(self._entries.structs["inversion_limits"], **members))], deviation)
 
-    def _limit(self, entry: Callable[..., int] | None, given: list[Any], deviation: float) -> None:
+    def _limit(self, entry: Callable[..., int], given: list[Any], deviation: float) -> None:
         """Call a function of C with limits and the largest deviation."""
-        if entry is None:
-            raise ArgumentError(
-                "stream: given limits, expected none where the model has hysteresis, lugre, friction that depends on "
-                "the load or Fourier sums of motor angles"
-            )
         if not self._lock.acquire(blocking=False):
             raise ArgumentError("stream: given limits while an update runs, expected one after the other")
         try:

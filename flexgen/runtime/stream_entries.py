@@ -14,8 +14,6 @@ from flexgen.runtime.inversion_arguments import Rows
 from flexgen.runtime.servo import ServoEntry, servo_entry
 from flexgen.runtime.structs import Failures, Interface, closed_error, interface_of
 
-LIMITING = ("stream_limits", "stream_all_limits")
-
 
 @dataclass(frozen=True)
 class StreamEntries:
@@ -32,7 +30,7 @@ class StreamEntries:
     start: Callable[..., int]
     start_moving: Callable[..., int]
     update: Callable[..., int]
-    limits: Callable[..., int] | None
+    limits: Callable[..., int]
     all_limits: Callable[..., int] | None
     change: Callable[..., int] | None
     model_parameters: np.ndarray
@@ -67,14 +65,13 @@ def streams_of(
     parameters: np.ndarray,
 ) -> StreamEntries | None:
     """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
-    names = ("stream_work", "stream_start", "stream_start_moving", "stream_update")
+    names = ("stream_work", "stream_start", "stream_start_moving", "stream_update", "stream_limits")
     offered = {row["name"] for row in manifest.get("c_functions", ())}
     if not set(names) <= offered:
         return None
-    work, start, moving, update = (found(f"{manifest['name']}_{name}") for name in names)
+    work, start, moving, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
     change = found(f"{manifest['name']}_stream_parameters") if parameters.size else None
-    limits, all_limits = (found(f"{manifest['name']}_{name}") if name in offered else None for name in LIMITING)
     return StreamEntries(
         manifest["name"],
         interface_of(manifest),
@@ -83,7 +80,7 @@ def streams_of(
         moving,
         update,
         limits,
-        all_limits,
+        found(f"{manifest['name']}_stream_all_limits") if "stream_all_limits" in offered else None,
         change,
         parameters,
         failures,

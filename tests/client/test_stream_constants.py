@@ -11,6 +11,7 @@ import pytest
 from bristled import bristled
 from counted import counting_program
 from emitted import _folder, run
+from harmonic import harmonic
 from hysteretic import BENT, SLIPS, with_elements
 from toolchain import CC, needs_compiler, tool
 
@@ -38,6 +39,7 @@ GRID = [(1, 1), (1, 7), (2, 3), (10, 5), (11, 6), (37, 1), (100, 20), (513, 2), 
 
 BRISTLED, HYSTERETIC, CURVED = "bristled_elbow", "hysteretic_elbow", "curved_elbow"
 LIMITED = "limited_planar"  # with the part "limits"
+HARMONIC = "harmonic_elbow"  # with it too
 
 
 @cache
@@ -48,6 +50,8 @@ def equations(name: str) -> Equations:
         return derive(replace(with_elements("elbow", SLIPS), name=HYSTERETIC))
     if name == CURVED:
         return derive(replace(with_elements("elbow", BENT), name=CURVED))
+    if name == HARMONIC:
+        return derive(replace(harmonic("elbow"), name=HARMONIC))
     if name == LIMITED:
         return derive(replace(derive("planar5_nmp").model, name=LIMITED))
     return derive(name)
@@ -55,8 +59,8 @@ def equations(name: str) -> Equations:
 
 @cache
 def spec(name: str) -> LibrarySpec:
-    robot = equations(name).model
-    return library_spec(equations(name), [f for f in INVERSION if f != "inversion_jacobians" or robot.n_e])
+    functions = [f for f in INVERSION if f != "inversion_jacobians" or equations(name).model.n_e]
+    return library_spec(equations(name), functions + ["motor_harmonics"] * (name == HARMONIC))
 
 
 @cache
@@ -64,7 +68,7 @@ def library(name: str, precision: str = "double") -> GeneratedLibrary:
     """The library of what inverts a model, in one file."""
     functions = [f.name for f in spec(name).functions]
     folder = _folder() / f"{name}_stream_{precision}"
-    parts = ["limits"] * (name == LIMITED)
+    parts = ["limits"] * (name in (LIMITED, HARMONIC))
     return generate(
         equations(name).model, folder, functions=functions, amalgamate=True, precision=precision, parts=parts
     )
@@ -107,6 +111,7 @@ def test_no_recommendation_at_a_singular_pose():
         (BRISTLED, "double"),
         (HYSTERETIC, "double"),
         (CURVED, "double"),
+        (HARMONIC, "double"),
         (LIMITED, "double"),
         (LIMITED, "single"),
         ("planar5_nmp", "double"),
@@ -139,7 +144,8 @@ def test_the_constants_are_constant_expressions(language, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["elbow", *(pytest.param(x, marks=pytest.mark.slow) for x in ("planar5_nmp", LIMITED))]
+    "name",
+    ["elbow", *(pytest.param(x, marks=pytest.mark.slow) for x in ("planar5_nmp", LIMITED, HARMONIC, BRISTLED))],
 )
 def test_no_update_needs_more_operations_than_the_bound(name, tmp_path):
     """Counted by a number type of C++: short and long horizons, with limits that modify the path."""

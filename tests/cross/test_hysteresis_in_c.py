@@ -206,10 +206,3 @@ def test_libraries_without_hysteresis_have_no_trace_of_it() -> None:
     dahl = clib_files.render(clib_files.read_clib()["hysteresis.h"], "arm", parts=["HYSTERESIS"])
     assert "curve" not in dahl and "element_torque" in dahl
     assert "hysteretic_rows" in clib_files.render(clib_files.read_clib()["whole_path.h"], "arm", parts=["HYSTERESIS"])
-
-
-def test_limits_are_refused() -> None:
-    library, (move, samples) = library_of(elbow("undamped")), path_of(elbow("undamped"), 1e-3)
-    stream = library.stream(samples[0][0], move.q_start, period=1e-3, intervals=HORIZON)
-    with pytest.raises(ArgumentError, match="stream: given limits, expected none where the model has hysteresis"):
-        stream.limit(torque=[1.0, 1.0])

@@ -23,7 +23,6 @@ from flexgen.library.generate import generate_parts
 from flexgen.mechanics.signatures import offered_functions
 from flexgen.memory.hysteresis import without_hysteresis
 from flexgen.memory.lugre import without_lugre
-from flexgen.runtime.library import Library
 
 pytestmark = needs_compiler
 SAME = 1e-8  # relative: rates of the motors are differences of rounded deflections
@@ -146,17 +145,7 @@ def test_libraries_without_it_have_no_trace_of_it() -> None:
     assert "add_bristles" in clib_files.render(clib_files.read_clib()["whole_path.h"], "arm", parts=["LUGRE"])
 
 
-def _refused(library: Library, model: flexgen.RobotModel) -> None:
-    move, samples = path_of(model, 1e-3)
-    stream = library.stream(samples[0][0], move.q_start, period=1e-3, intervals=20)
-    with pytest.raises(
-        ArgumentError, match="stream: given limits, expected none where the model has hysteresis, lugre"
-    ):
-        stream.limit(torque=[1.0, 1.0])
-
-
-def test_limits_and_fourier_sums_are_refused() -> None:
-    _refused(library_of(elbow()), elbow())
+def test_fourier_sums_are_refused() -> None:
     model = bristled("elbow", {"m1": NUMBERS}, **{"motor.m1.cogging": {"harmonics": [6], "sin": [0.1]}})
     told = inversion_reason(model, offered_functions(model))
     assert told == "motor m1 has lugre and motor m1 has cogging, of which C has one or the other"
