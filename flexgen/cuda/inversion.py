@@ -194,8 +194,8 @@ class CudaManyInverter:
 
 def _refuse_options(chosen: InversionOptions) -> None:
     """Refuse what is for the CPU only."""
-    for name, usual in (("workers", None), ("reduce", None), ("growth", False)):
-        if getattr(chosen, name) != usual:
+    for name, usual in (("force", None), ("workers", None), ("reduce", None), ("growth", False)):
+        if getattr(chosen, name) is not usual:
             raise ArgumentError(
                 f"invert_many, {name}: given {show_value(getattr(chosen, name))} on the card, expected {usual}; "
                 "use it on the CPU (device='cpu')"

@@ -40,6 +40,31 @@ def check_bounds(function: str, values: np.ndarray, rows: Rows) -> None:
             )
 
 
+def samples_of(
+    function: str,
+    path: Sequence[Any],
+    force: Any,
+    sizes: Mapping[str, int],
+    real: np.dtype[Any],
+    takes_force: bool,
+    problems: bool = False,
+) -> dict[str, np.ndarray]:
+    """Checked samples (n, ...) of a path, and of the force on it where it is given; ``problems``: or a path of each."""
+    y, n_y = array_of(function, "y", path[0], None, real), sizes["n_y"]
+    before = y.shape[:-1] if y.ndim == 2 or (problems and y.ndim == 3) else (-1,)
+    if problems and before == (-1,):
+        raise ArgumentError(f"{function}, y: given shape {y.shape}, expected (problems, n, {sizes['n_t']}) or (n, ...)")
+    columns = {"y": (y, sizes["n_t"]), "dy": (path[1], n_y), "ddy": (path[2], n_y)}
+    if force is not None:
+        if not takes_force:
+            raise ArgumentError(
+                f"{function}, force: given to a library without forces, expected one that was generated with "
+                'parts=["force"] (--with force)'
+            )
+        columns["force"] = force, 3 * n_y
+    return {key: array_of(function, key, x, (*before, width), real) for key, (x, width) in columns.items()}
+
+
 def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:
     """The argument of the run-time parameters; none where the library has none."""
     return (pointer(parameters),) if parameters.size else ()

@@ -161,7 +161,7 @@ class LimitedInverter(Inverter):
         """
         self._refuse_closed()
         function, sizes = self._function, self._sizes
-        given = self._samples(y, dy, ddy, force)
+        given = self._samples((y, dy, ddy), force)
         q = array_of(function, "q_start", q_start, (sizes["n_a"],), self._real)
         arrays = [torque_max, speed_max, torque_rate_max, deflection_max, gear_torque_max]
         arrays += [joint_speed_max, joint_acceleration_max]

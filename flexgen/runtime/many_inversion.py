@@ -115,6 +115,8 @@ class InversionOptions:
     ----------
     n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth
         As of `Library.invert`; the same for all problems.
+    force : array (problems, n, 3 n_y) or (n, 3 n_y), optional
+        Force on the output, as of `Library.invert`, with as many axes as ``y``; of a library with the part ``"force"``.
     workers : int, optional
         Threads; default: one for each core that this process may use.
     reduce : callable, optional
@@ -138,6 +140,7 @@ class InversionOptions:
     delay: float = 0.0
     settled: float = 0.0
     growth: bool = False
+    force: Any = None
     workers: int | None = None
     reduce: Callable[[Inversions], Any] | None = None
     progress: Choice = None
@@ -240,12 +243,8 @@ class ManyInverter:
         """The arguments, checked."""
         inverter, name, real = self._inverter, "invert_many", self._inverter._real
         sizes = inverter._sizes
-        y = array_of(name, "y", path[0], None, real)
-        if y.ndim not in (2, 3):
-            raise ArgumentError(f"{name}, y: given shape {y.shape}, expected (problems, n, {sizes['n_t']}) or (n, ...)")
-        given = {"y": array_of(name, "y", y, (*y.shape[:-1], sizes["n_t"]), real)}
-        for key, x in zip(("dy", "ddy"), path[1:], strict=True):
-            given[key] = array_of(name, key, x, (*y.shape[:-1], sizes["n_y"]), real)
+        given = inverter._samples(path, options.force, name)
+        y = given["y"]
         starts = _rows(name, "q_start", q_start, sizes["n_a"], real)
         count = inverter._parameters.size
         many = parameters is not None and count > 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,15 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.runtime.arguments import number_of, whole_of
 from flexgen.runtime.identity import TOLERANCES
-from flexgen.runtime.inversion_arguments import array_of, hold_of, parameters_of, pointer, pointers, tolerance_of
+from flexgen.runtime.inversion_arguments import (
+    array_of,
+    hold_of,
+    parameters_of,
+    pointer,
+    pointers,
+    samples_of,
+    tolerance_of,
+)
 from flexgen.runtime.servo import ServoEntry, servo_entry, servo_options
 from flexgen.runtime.structs import Failures, closed_error, failure_of, interface_of, struct_of
 from flexgen.type_checks import checked_types
@@ -251,7 +259,7 @@ class Inverter:
         """
         self._refuse_closed()
         function = self._function
-        given = self._samples(y, dy, ddy, force)
+        given = self._samples((y, dy, ddy), force)
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         period = number_of(function, "period", period)
         options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, growth)
@@ -388,20 +396,10 @@ class Inverter:
             reached = "" if np.isnan(residual) else f" (residual {residual:.3g} after {iterations} iterations)"
             raise exception(f"{self._function}: {text}{reached}")
 
-    def _samples(self, y: Any, dy: Any, ddy: Any, force: Any = None) -> dict[str, np.ndarray]:
-        """The samples of the path and of the force on it, checked."""
-        y = array_of(self._function, "y", y, None, self._real)
-        n = len(y) if y.ndim == 2 else -1
-        n_y, n_t = self._sizes["n_y"], self._sizes["n_t"]
-        columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
-        if force is not None:
-            if not self._takes_force:
-                raise ArgumentError(
-                    f"{self._function}, force: given to a library without forces, expected one that was generated with "
-                    'parts=["force"] (--parts force)'
-                )
-            columns["force"] = force, 3 * n_y
-        return {key: array_of(self._function, key, x, (n, width), self._real) for key, (x, width) in columns.items()}
+    def _samples(self, path: Sequence[Any], force: Any = None, name: str = "") -> dict[str, np.ndarray]:
+        """The samples of the path and of the force on it, checked; ``name``: of the function for many problems."""
+        to = self._takes_force, bool(name)
+        return samples_of(name or self._function, path, force, self._sizes, self._real, *to)
 
     def _results(self, total: int) -> dict[str, Any]:
         """Arrays for the results at all samples."""

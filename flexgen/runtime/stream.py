@@ -187,7 +187,7 @@ class Stream:
     def _refuse_force(self) -> None:
         if self._entries.push is None:
             raise ArgumentError(
-                "stream: given a force, expected a library that was generated with parts=['force'] (--parts force)"
+                "stream: given a force, expected a library that was generated with parts=['force'] (--with force)"
             )
 
     def _handle(self) -> ctypes.Structure:

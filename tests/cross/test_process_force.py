@@ -252,6 +252,14 @@ def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
         whole = library.invert(y, dy, ddy, force=F, **options)
         wide = library.invert_limited(y, dy, ddy, force=F, torque_max=np.full(2, 1e4), **options)
         np.testing.assert_allclose(wide.tau_m, whole.tau_m, atol=1e-9)
+        forced = flexgen.InversionOptions(n_pre=40, n_post=40, force=np.stack([F, 0.0 * F]))
+        paths = (np.stack([x, x]) for x in (y, dy, ddy))
+        many = library.invert_many(*paths, period=period, q_start=path.q_start, options=forced)
+        assert np.array_equal(many.tau_m[0], whole.tau_m)
+        assert np.array_equal(many.tau_m[1], library.invert(y, dy, ddy, force=0.0 * F, **options).tau_m)
+        with pytest.raises(ArgumentError, match=r"invert_many, force: given shape .*, expected"):
+            wrong = flexgen.InversionOptions(force=np.stack([F, F]))
+            library.invert_many(y, dy, ddy, period=period, q_start=[path.q_start] * 2, options=wrong)
         stream = library.stream(y[0], path.q_start, period=period, intervals=ahead, samples_per_interval=1)
         found = []
         for k in range(len(t)):
@@ -266,6 +274,9 @@ def test_a_stream_with_forces_gives_the_torques_of_invert(tmp_path):
         plain.stream(y[0], path.q_start, period=period, intervals=ahead, samples_per_interval=1).set_force(F[0])
     with pytest.raises(ArgumentError, match="library without forces"):
         plain.invert(y, dy, ddy, force=F, **options)
+    with pytest.raises(ArgumentError, match="invert_many, force: given to a library without forces"):
+        starts, forced = [path.q_start] * 2, flexgen.InversionOptions(force=F)
+        plain.invert_many(y, dy, ddy, period=period, q_start=starts, options=forced)
 
 
 @pytest.mark.slow
