@@ -15,7 +15,6 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.codegen import clib_files
-from flexgen.errors import ArgumentError
 from flexgen.library.generate import generate_parts
 from flexgen.library.model_library import library_with
 from flexgen.mechanics.signatures import INVERTING, offered_functions
@@ -138,10 +137,3 @@ def test_libraries_without_it_have_no_trace_of_it() -> None:
     _, begin, rest = with_both.partition("points load[NM]")
     inside, end, _ = rest.partition("loaded_f")
     assert begin and end and "carried *= " in inside and "#if" not in inside
-
-
-def test_limits_are_refused() -> None:
-    library, (move, samples) = library_of(robot()), path_of(robot(), 1e-3)
-    stream = library.stream(samples[0][0], move.q_start, period=1e-3, intervals=20)
-    with pytest.raises(ArgumentError, match="depends on the load"):
-        stream.limit(torque=[1.0, 1.0])
