@@ -49,7 +49,7 @@ KERNEL = (
 )  # of every library
 _PARTS = (
     *("BOUNDS", "CURVED", "DIRECT", "FILTERS", "FORCE", "HYSTERESIS", "HARMONICS"),
-    *("LIMITED", "LIMITS", "LOAD", "LUGRE", "MEMORY", "POSITION"),
+    *("LIMITED", "LOAD", "LUGRE", "MEMORY", "POSITION"),
 )
 _IF = re.compile(r"#if (?:MODEL_)?([A-Z]+)(?: (>|==|!=) (\d+))?\n")
 _COMPARE = {">": gt, "==": eq, "!=": ne}

@@ -78,11 +78,6 @@ class Emitted:
         return any(row["name"] == "stream_update" for row in self.manifest["c_functions"])
 
     @property
-    def limits(self) -> bool:
-        """Whether its streams keep limits of the motors."""
-        return any(row["name"] == "stream_limits" for row in self.manifest["c_functions"])
-
-    @property
     def stream(self) -> StreamOptions | None:
         """Recommended options of a stream; None where the home pose has none."""
         found = [_option(self.header, self.name, word) for word in ("PERIOD", "INTERVALS", "SAMPLES_PER_INTERVAL")]

@@ -67,7 +67,7 @@ def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None
         )
     words = _words(library)
     texts = library.texts() | {
-        f"{name}_mex.c": template(PACKAGE, "gateway.c", name, parts=["LIMITS"] * library.limits),
+        f"{name}_mex.c": template(PACKAGE, "gateway.c", name),
         f"{name}_mex_table.h": _table(library),
         f"build_{name}.m": template(PACKAGE, "build.template.m", name, words),
     }
@@ -83,20 +83,6 @@ def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None
 def _words(library: Emitted) -> dict[str, str]:
     """Names and numbers of the templates; a home pose without recommended options gets those of a short horizon."""
     sizes, options = library.sizes, library.stream
-    limits_help, limits_method = "", ""
-    if library.limits:
-        limits_help = f"""\
-%   s.limits (torque_max, speed_max, deviation_max)
-%     limits of the motors ({sizes["n_m"]} x 1, Inf: none) and the largest deviation of the path
-"""
-        arguments = "torque_max, speed_max, deviation_max"
-        limits_method = f"""\
-    function limits (self, {arguments})
-      self.check ();
-      self.memory = {library.name}_mex ('stream_limits', self.numbers, self.memory, {arguments});
-    end
-
-"""
     return {
         "NAME": library.name,
         "NAMECAPITAL": library.name.upper(),
@@ -105,8 +91,6 @@ def _words(library: Emitted) -> dict[str, str]:
         "PERIOD": repr(options.period if options else 5e-3),
         "INTERVALS": str(options.intervals if options else 10),
         "SAMPLES": str(options.samples_per_interval if options else 5),
-        "LIMITS_HELP": limits_help,
-        "LIMITS_METHOD": limits_method,
     }
 
 

@@ -281,7 +281,6 @@ static void stream_update(int n_out, mxArray **out, int n_in, const mxArray **in
     mxSetField(out[8], 0, "limits_active", mxCreateLogicalScalar(found.limits_active != 0));
 }
 
-#if MODEL_LIMITS
 /* ('stream_limits', options, memory, torque_max, speed_max, deviation_max) -> memory */
 static void stream_limits(int n_in, const mxArray **in, mxArray **out)
 {
@@ -295,7 +294,6 @@ static void stream_limits(int n_in, const mxArray **in, mxArray **out)
     check_status("limits", model_stream_limits(&stream, torque, speed, deviation));
 }
 
-#endif /* MODEL_LIMITS */
 #endif
 
 void mexFunction(int n_out, mxArray *out[], int n_in, const mxArray *in[])
@@ -326,12 +324,10 @@ void mexFunction(int n_out, mxArray *out[], int n_in, const mxArray *in[])
         stream_update(n_out, out, n_in - 1, in + 1);
         return;
     }
-#if MODEL_LIMITS
     if (strcmp(what, "stream_limits") == 0) {
         stream_limits(n_in - 1, in + 1, out);
         return;
     }
-#endif /* MODEL_LIMITS */
 #endif
     refuse("library", what, "a function of the library");
 }

@@ -22,7 +22,9 @@ classdef Stream < handle
 %             N = samples_per_interval; SI units
 %     info    struct; info.converged is false where the status is TOLERANCE_NOT_MET
 %     A sample that is refused is an error, and changes nothing.
-@LIMITS_HELP@%   t = s.copy ()  a second stream with the same past
+%   s.limits (torque_max, speed_max, deviation_max)
+%     limits of the motors (@NM@ x 1, Inf: none) and the largest deviation of the path
+%   t = s.copy ()  a second stream with the same past
 %
 %   Written by flexgen.
 
@@ -63,7 +65,12 @@ classdef Stream < handle
       motion = struct ('q_a', q_a, 'v_a', v_a, 'tau_g', tau_g, 'q_m', q_m, 'v_m', v_m, 'tau_m', tau_m);
     end
 
-@LIMITS_METHOD@    function other = copy (self)
+    function limits (self, torque_max, speed_max, deviation_max)
+      self.check ();
+      self.memory = @NAME@_mex ('stream_limits', self.numbers, self.memory, torque_max, speed_max, deviation_max);
+    end
+
+    function other = copy (self)
       other = @NAME@.Stream ();
       other.period = self.period;
       other.intervals = self.intervals;
