@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.recursion import articulated_body, newton_euler
-from flexgen.recursion.arm import Arm, Columns, shortest_mass_matrix, vectors
+from flexgen.recursion.arm import Arm, Columns, vectors
 from flexgen.recursion.dh_chain import Chain
 from flexgen.recursion.tape import Scalar, Tape
 
@@ -43,8 +43,8 @@ def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
 
     def by_mass_matrix(tape: Tape, chain: Chain, columns: Columns) -> Solved:
         q, v, f = vectors(tape, q_a, v_a, force)
-        h = newton_euler.inverse_dynamics(tape, chain, q, v, still, columns)
-        M = shortest_mass_matrix(tape, chain, q)
+        h = arm.torques(tape, chain, q, v, still, columns)
+        M = arm.mass_matrix(tape, chain, q)
         M = [[x + y for x, y in zip(row, more, strict=True)] for row, more in zip(M, armature.tolist(), strict=True)]
 
         def solve(right: Sequence[Scalar]) -> list[Scalar]:
@@ -63,4 +63,5 @@ def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
 
         return Solved(articulated_body.forward_dynamics(tape, chain, q, loads, turns, f, own), q, v, solve)
 
-    return [by_mass_matrix, by_articulated_bodies] if kind(armature) else [by_mass_matrix]
+    free = kind(armature) and arm.moves is None  # joints that mechanisms couple are no articulated bodies
+    return [by_mass_matrix, by_articulated_bodies] if free else [by_mass_matrix]

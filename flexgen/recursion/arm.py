@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from flexgen.mechanics.dynamics import symbols_of
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Body, RobotModel
-from flexgen.recursion import composite_body, derivatives, newton_euler
+from flexgen.recursion import composite_body, derivatives, kinematics, newton_euler
 from flexgen.recursion.dh_chain import Chain, Inertia, compose, inertia_of, inverse, pose_of
 from flexgen.recursion.regrouping import Plan, plans
 from flexgen.recursion.tape import Scalar, Tape
@@ -47,6 +48,65 @@ class Arm:
     def symbols(self, *names: str) -> list[ca.SX]:
         """Vectors by their names, the Lagrangian's own."""
         return symbols_of(self.equations, list(names))
+
+    @cached_property
+    def moves(self) -> tuple[dict[int, float], ...] | None:
+        """Of each joint the factors of the coordinates that move it, by number; None without mechanisms."""
+        dofs = [dof for element in self.model.elements for dof in element.dofs]
+        at = {coordinate.name: k for k, coordinate in enumerate(self.model.coordinates)}
+        moves = tuple({at[name]: x for name, x in (dof.mimic or ((dof.name, 1.0),))} for dof in dofs)
+        return moves if any(dof.mimic for dof in dofs) else None
+
+    def to_joints(self, x: Sequence[Scalar]) -> list[Scalar]:
+        """Angles, speeds or accelerations of all joints from those of the coordinates."""
+        if self.moves is None:
+            return list(x)
+        none: Scalar = 0.0
+        return [sum((factor * x[k] for k, factor in own.items()), none) for own in self.moves]
+
+    def to_coordinates(self, x: Sequence[Any]) -> list[Any]:
+        """Numbers of all joints, such as torques, or rows of such numbers, added up for the coordinates."""
+        if self.moves is None:
+            return list(x)
+        none: Any = [0.0] * len(x[0]) if isinstance(x[0], Sequence) else 0.0
+        out = [none] * self.model.n_a
+        for own, row in zip(self.moves, x, strict=True):
+            for k, factor in own.items():
+                if isinstance(row, Sequence):
+                    out[k] = [y + factor * z for y, z in zip(out[k], row, strict=True)]
+                else:
+                    out[k] = out[k] + factor * row
+        return out
+
+    def _matrix(self, A: composite_body.Matrix) -> composite_body.Matrix:
+        """A matrix over pairs of joints, added up for pairs of coordinates."""
+        columns = [list(column) for column in zip(*self.to_coordinates(A), strict=True)]
+        return [list(row) for row in zip(*self.to_coordinates(columns), strict=True)]
+
+    def torques(
+        self, tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a: Sequence[Scalar], columns: Columns
+    ) -> list[Scalar]:
+        """Inverse dynamics."""
+        q, v, a = (self.to_joints(x) for x in (q, v, a))
+        return self.to_coordinates(newton_euler.inverse_dynamics(tape, chain, q, v, a, columns))
+
+    def mass_matrix(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
+        """The mass matrix, with or without axes shared by parallel joints, whichever is shorter."""
+        found = [composite_body.mass_matrix(tape, chain, self.to_joints(q), together) for together in (True, False)]
+        M = min(found, key=lambda M: tape.count([x for row in M for x in row]))
+        return M if self.moves is None else self._matrix(M)
+
+    def jacobian(self, tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
+        """The Jacobian of the tool, rows of the twist."""
+        return [self.to_coordinates(row) for row in kinematics.jacobian(tape, chain, self.to_joints(q))]
+
+    def torque_changes(
+        self, tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a: Sequence[Scalar], columns: Columns
+    ) -> list[composite_body.Matrix]:
+        """Derivatives of `torques` in coordinates, speeds and accelerations."""
+        q, v, a = (self.to_joints(x) for x in (q, v, a))
+        found = derivatives.derivatives(tape, chain, q, v, a, columns)
+        return list(found) if self.moves is None else [self._matrix(A) for A in found]
 
     def chain(self, tape: Tape, plan: Plan) -> Chain:
         """The chain of a plan, with the symbols of the payload where its numbers may change at run time."""
@@ -99,13 +159,13 @@ class Arm:
 
         def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
             q, v, a = vectors(tape, *inputs)
-            found = derivatives.derivatives(tape, chain, q, v, a, columns)
+            found = self.torque_changes(tape, chain, q, v, a, columns)
             return [x for A in found for row in A for x in row]
 
         def by_differentiation(tape: Tape, chain: Chain, columns: Columns, forward: bool) -> list[Scalar]:
             q, v, a = vectors(tape, *inputs)
-            tau = newton_euler.inverse_dynamics(tape, chain, q, v, a, columns)
-            M = [x for row in shortest_mass_matrix(tape, chain, q) for x in row]
+            tau = self.torques(tape, chain, q, v, a, columns)
+            M = [x for row in self.mass_matrix(tape, chain, q) for x in row]
             if not forward:
                 gradients = [tape.gradient(x, [*q, *v]) for x in tau]
                 return [*(x for row in gradients for x in row[:n]), *(x for row in gradients for x in row[n:]), *M]
@@ -142,9 +202,3 @@ def vectors(tape: Tape, *symbols: ca.SX) -> list[list[Scalar]]:
 def matrix_of(entries: Sequence[ca.SX], columns: int) -> ca.SX:
     """A matrix from its entries, row after row."""
     return ca.reshape(ca.vertcat(*entries), columns, len(entries) // columns).T if entries else ca.SX(0, columns)
-
-
-def shortest_mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
-    """The mass matrix, with or without axes shared by parallel joints, whichever is shorter."""
-    found = [composite_body.mass_matrix(tape, chain, q, together) for together in (True, False)]
-    return min(found, key=lambda M: tape.count([x for row in M for x in row]))

@@ -16,8 +16,8 @@ import numpy as np
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.signatures import split_product
 from flexgen.mechanics.system import Built
-from flexgen.recursion import accelerations, composite_body, inversion_functions, kinematics, newton_euler, products
-from flexgen.recursion.arm import Arm, Columns, Route, arm_of, matrix_of, shortest_mass_matrix, vectors
+from flexgen.recursion import accelerations, composite_body, inversion_functions, kinematics, products
+from flexgen.recursion.arm import Arm, Columns, Route, arm_of, matrix_of, vectors
 from flexgen.recursion.dh_chain import Chain, make_chain
 from flexgen.recursion.tape import Scalar, Tape
 
@@ -61,18 +61,17 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     Returns
     -------
     casadi.Function or None
-        None where there is no recursion: robots with beams or with mechanisms (`Dof.mimic`), the whole robot where
-        rotors turn with their carriers, functions other than those of the table below, robots whose bodies or rotors
-        may change at run time, and accelerations of robots with a singular mass matrix (such as a massless last link):
-        a recursion would divide by zero.
+        None where there is no recursion: robots with beams, the whole robot where rotors turn with their carriers,
+        functions other than those of the table below, robots whose bodies or rotors may change at run time, and
+        accelerations of robots with a singular mass matrix (such as a massless last link): a recursion would divide by
+        zero.
     """
     model = equations.model
     base, product = split_product(name)
     carried = model.motor_coupling == "complete" and base in _WHOLE
     carried = carried or (name in inversion_functions.BUILDERS and model.inversion_obstacle() is not None)
     inertias = any(parameter.inertia for parameter in equations.parameters)
-    other = any(e.beam is not None or any(dof.mimic for dof in e.dofs) for e in model.elements)
-    if base not in _BUILDERS or carried or inertias or other:
+    if base not in _BUILDERS or carried or inertias or any(e.beam is not None for e in model.elements):
         return None
     arm = arm_of(equations)
     if name not in arm.functions:
@@ -145,7 +144,7 @@ def _inverse_dynamics(arm: Arm) -> Built:
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q, v, a = vectors(tape, *inputs)
-        return newton_euler.inverse_dynamics(tape, chain, q, v, a, columns)
+        return arm.torques(tape, chain, q, v, a, columns)
 
     return inputs, ["q_a", "v_a", "a_a"], [ca.vertcat(*arm.shortest([route], several=False))], ["tau_a"]
 
@@ -156,7 +155,7 @@ def _bias(arm: Arm) -> Built:
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         still: list[Scalar] = [0.0] * arm.model.n_a
         q, v = vectors(tape, *inputs)
-        return newton_euler.inverse_dynamics(tape, chain, q, v, still, columns)
+        return arm.torques(tape, chain, q, v, still, columns)
 
     return inputs, ["q_a", "v_a"], [ca.vertcat(*arm.shortest([route]))], ["h"]
 
@@ -166,11 +165,11 @@ def _gravity(arm: Arm) -> Built:
 
     def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         still: list[Scalar] = [0.0] * arm.model.n_a
-        return newton_euler.inverse_dynamics(tape, chain, tape.vector(inputs[0]), still, still, columns)
+        return arm.torques(tape, chain, tape.vector(inputs[0]), still, still, columns)
 
     def by_differentiation(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q = tape.vector(inputs[0])
-        return tape.gradient(composite_body.height(tape, chain, q), q)
+        return tape.gradient(composite_body.height(tape, chain, arm.to_joints(q)), q)
 
     return inputs, ["q_a"], [ca.vertcat(*arm.shortest([by_recursion, by_differentiation]))], ["g"]
 
@@ -179,7 +178,7 @@ def _mass_matrix(arm: Arm) -> Built:
     inputs = arm.symbols("q_a")
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
-        return [x for row in shortest_mass_matrix(tape, chain, tape.vector(inputs[0])) for x in row]
+        return [x for row in arm.mass_matrix(tape, chain, tape.vector(inputs[0])) for x in row]
 
     return inputs, ["q_a"], [matrix_of(arm.shortest([route]), arm.model.n_a)], ["M"]
 
@@ -268,21 +267,21 @@ def _residual_jacobians(arm: Arm) -> Built:
 
 def _forward_kinematics(arm: Arm) -> Built:
     inputs, tape = arm.symbols("q_a"), Tape()
-    p, R = kinematics.tool_pose(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
+    p, R = kinematics.tool_pose(tape, make_chain(arm.model, to_mass=False), arm.to_joints(tape.vector(inputs[0])))
     flat = tape.build([*p, *(x for row in R for x in row)])
     return inputs, ["q_a"], [ca.vertcat(*flat[:3]), matrix_of(flat[3:], 3)], ["p", "R"]
 
 
 def _jacobian(arm: Arm) -> Built:
     inputs, tape = arm.symbols("q_a"), Tape()
-    J = kinematics.jacobian(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
+    J = arm.jacobian(tape, make_chain(arm.model, to_mass=False), tape.vector(inputs[0]))
     return inputs, ["q_a"], [matrix_of(tape.build([x for row in J for x in row]), arm.model.n_a)], ["J"]
 
 
 def _tool_motion(arm: Arm) -> Built:
     names, tape = ["q_a", "v_a", "a_a"], Tape()
     inputs = arm.symbols(*names)
-    q, v, a = vectors(tape, *inputs)
+    q, v, a = (arm.to_joints(x) for x in vectors(tape, *inputs))
     moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), q, v, a)
     still: Scalar = 0.0
     v_tool, a_tool = [still] * 6, list(moving.bias)

@@ -17,7 +17,7 @@ from flexgen.mechanics import inversion_functions as definition
 from flexgen.mechanics.inversion_functions import constraint_ports, derivative_ports, row_ports
 from flexgen.mechanics.outputs import pose_error
 from flexgen.mechanics.system import Built
-from flexgen.recursion import derivatives, kinematics, newton_euler
+from flexgen.recursion import kinematics
 from flexgen.recursion.arm import Arm, Columns, matrix_of
 from flexgen.recursion.dh_chain import Chain, make_chain
 from flexgen.recursion.newton_euler import Vector3, cross
@@ -32,12 +32,12 @@ def _output_constraint(arm: Arm) -> Built:
     tape, chain = Tape(), make_chain(arm.model, to_mass=False)
     q, v = tape.vector(q_a), tape.vector(v_a)
     still: list[Scalar] = [0.0] * arm.model.n_a
-    p, R = kinematics.tool_pose(tape, chain, q)
-    moving = kinematics.rates(tape, chain, q, v, still)
+    p, R = kinematics.tool_pose(tape, chain, arm.to_joints(q))
+    moving = kinematics.rates(tape, chain, *(arm.to_joints(x) for x in (q, v, still)))
     kept = _rate_rows(arm)
     chosen = [
-        [kinematics.jacobian(tape, chain, q)[i] for i in kept],
-        [[J[i] for J, _, _ in moving.columns] for i in kept],
+        [arm.jacobian(tape, chain, q)[i] for i in kept],
+        [arm.to_coordinates([J[i] for J, _, _ in moving.columns]) for i in kept],
     ]
     bias = [moving.bias[i] for i in kept]
     W = min(chosen, key=lambda A: tape.count([*bias, *(x for row in A for x in row)]))
@@ -60,7 +60,7 @@ def _inversion_rows(arm: Arm) -> Built:
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q, v, a = (tape.vector(x) for x in inputs)
-        return newton_euler.inverse_dynamics(tape, chain, q, v, a, columns)
+        return arm.torques(tape, chain, q, v, a, columns)
 
     return row_ports(arm.equations, ca.vertcat(*arm.shortest([route], several=False)))
 
@@ -74,7 +74,7 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
     if arm.model.output.type == "combination":
         return [ca.SX.zeros(arm.model.output.size, arm.model.n_a) for _ in range(3)]
     tape = Tape()
-    q, v, a = (tape.vector(x) for x in arm.symbols("q_a", "v_a", "a_a"))
+    q, v, a = (arm.to_joints(tape.vector(x)) for x in arm.symbols("q_a", "v_a", "a_a"))
     moving = kinematics.rates(tape, make_chain(arm.model, to_mass=False), q, v, a)
     still: Vector3 = [0.0] * 3
     found: list[list[list[Scalar]]] = [[], [], []]  # columns
@@ -85,7 +85,7 @@ def _output_jacobians(arm: Arm) -> list[ca.SX]:
         found[1].append([x - y for x, y in zip(second, again, strict=True)])
         found[2].append([2.0 * x - y for x, y in zip(first, turned, strict=True)])
     kept, n = _rate_rows(arm), arm.model.n_a
-    flat = tape.build([column[i] for columns in found for i in kept for column in columns])
+    flat = tape.build([column[i] for columns in found for i in kept for column in arm.to_coordinates(columns)])
     size = len(kept) * n
     return [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
 
@@ -98,8 +98,8 @@ def _row_jacobians(arm: Arm) -> list[ca.SX]:
 
     def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q, v, a = (tape.vector(x) for x in inputs)
-        tau = newton_euler.inverse_dynamics(tape, chain, q, v, a, columns)
-        found = derivatives.derivatives(tape, chain, q, v, a, columns)
+        tau = arm.torques(tape, chain, q, v, a, columns)
+        found = arm.torque_changes(tape, chain, q, v, a, columns)
         return [*(tau[i] for i in e), *(x for A in found for i in e for x in A[i])]
 
     flat = arm.shortest([by_recursion])

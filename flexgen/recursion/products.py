@@ -20,7 +20,7 @@ import numpy as np
 from flexgen.mechanics.products import differentiated, symbols_like
 from flexgen.mechanics.signatures import COTANGENT, TANGENT
 from flexgen.mechanics.system import Built
-from flexgen.recursion import accelerations, newton_euler
+from flexgen.recursion import accelerations
 from flexgen.recursion.arm import Arm, Columns, vectors
 from flexgen.recursion.dh_chain import Chain
 from flexgen.recursion.tape import Scalar, Tape
@@ -45,7 +45,7 @@ def _inverse_dynamics(arm: Arm, kind: str) -> Built:
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         (q, v, a), given = vectors(tape, *inputs), tape.vector(ca.veccat(*more))
-        tau, x = newton_euler.inverse_dynamics(tape, chain, q, v, a, columns), [*q, *v, *a]
+        tau, x = arm.torques(tape, chain, q, v, a, columns), [*q, *v, *a]
         if kind == "jvp":
             return tape.jvp(tau, zip(x, given, strict=True))
         return tape.vjp(list(zip(tau, given, strict=True)), x)
@@ -98,7 +98,7 @@ def _changes(arm: Arm, force: ca.SX, armature: np.ndarray, dq: ca.SX, dv: ca.SX,
 
     def route(by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         at = by(tape, chain, columns)
-        h = newton_euler.inverse_dynamics(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
+        h = arm.torques(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
         changes = tape.jvp(h, zip([*at.q, *at.v], tape.vector(ca.vertcat(dq, dv)), strict=True))
         return at.solve([x - y for x, y in zip(tape.vector(df), changes, strict=True)])
 
@@ -112,7 +112,7 @@ def _weights(arm: Arm, force: ca.SX, armature: np.ndarray, weights: ca.SX) -> li
 
     def route(by: accelerations.Solver, tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         at = by(tape, chain, columns)
-        h = newton_euler.inverse_dynamics(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
+        h = arm.torques(tape, chain, at.q, at.v, [tape.constant(x) for x in at.a], columns)
         mu = at.solve(tape.vector(weights))
         return [*(-x for x in tape.vjp(list(zip(h, mu, strict=True)), [*at.q, *at.v])), *mu]
 

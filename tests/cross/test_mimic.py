@@ -23,6 +23,8 @@ from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
+from flexgen.recursion.arm import Arm
+from flexgen.recursion.functions import _BUILDERS, agrees, fast_function, operations_of, recursive_function
 
 CLOSE = 1e-10  # of the largest entry
 COUNT = 12
@@ -182,6 +184,62 @@ def test_a_torso_whose_chest_stays_upright_is_solved(tmp_path):
     turned = [np.array(derive(model).function("forward_kinematics")(x)[1]) for x in q]
     for R, x in zip(turned, q, strict=True):  # the chest is upright: only q4 turns the tool
         np.testing.assert_allclose(R[:2, 0], [np.cos(x[2]), np.sin(x[2])], atol=1e-12)
+
+
+# --- recursion -------------------------------------------------------------------------------------------------------
+PRODUCTS = ("inverse_dynamics", "arm_forward_dynamics", "forward_dynamics")
+
+
+def compare_recursion(moved: RobotModel) -> None:
+    """Every function with a recursion, and products with derivatives, against Lagrange's equations."""
+    equations, rng, checked = derive(moved), np.random.default_rng(0), 0
+    for name in (*_BUILDERS, *(f"{one}_{kind}" for one in PRODUCTS for kind in ("jvp", "vjp"))):
+        fast = recursive_function(equations, name)
+        if fast is None:
+            continue
+        slow = equations.function(name)
+        for _ in range(2):
+            given = [rng.uniform(-1.0, 1.0, fast.size_in(k)) for k in range(fast.n_in())]
+            for x, y in zip(fast.call(given), slow.call(given), strict=True):
+                expected = np.array(y)
+                near = CLOSE * (1e-6 + np.abs(expected).max(initial=0.0))
+                np.testing.assert_allclose(np.array(x), expected, rtol=0, atol=10.0 * near, err_msg=name)
+        checked += 1
+    assert checked >= 9
+
+
+def linkage(tmp_path: Path) -> RobotModel:
+    """Two parallel linkages in space: a rod moves the elbow, and the hand stays upright."""
+    text = TORSO.replace("axis = [0, 0, 1]", "axis = [0, 1, 0]").replace("axis = [0, 1, 0]", "axis = [0, 0, 1]", 1)
+    text = text.replace('name = "arm"', 'name = "arm"\nparent = "leg1"').replace("[0.1, 0.3, 0]", "[0.1, 0.3, 0.2]")
+    (tmp_path / "linkage.toml").write_text(text)
+    return read(tmp_path / "linkage.toml")
+
+
+def test_recursions_of_mechanisms_are_lagranges_equations(tmp_path):
+    (tmp_path / "torso.toml").write_text(TORSO)
+    for robot in (read(tmp_path / "torso.toml"), linkage(tmp_path)):
+        equations = derive(robot)
+        compare_recursion(robot)
+        fast, slow = fast_function(equations, "inverse_dynamics"), equations.function("inverse_dynamics")
+        assert fast is not None and operations_of(fast) < 0.7 * operations_of(slow.expand())
+
+
+def test_a_recursion_without_the_torques_of_the_mechanism_is_found(tmp_path, monkeypatch):
+    """A planted error: torques of the axis that the mechanism moves are lost, so that the robot has no recursion."""
+    added = Arm.to_coordinates
+
+    def without_the_third(self, x):
+        return added(self, [*x[:2], [0.0 * y for y in x[2]] if isinstance(x[2], list) else 0.0, *x[3:]])
+
+    monkeypatch.setattr(Arm, "to_coordinates", without_the_third)
+    robot = linkage(tmp_path)
+    assert not agrees(derive(robot)) and fast_function(derive(robot), "mass_matrix") is None
+
+
+@pytest.mark.slow
+def test_recursions_of_random_mechanisms_are_lagranges_equations():
+    on_mechanisms(lambda free, moved, T: compare_recursion(moved))
 
 
 @pytest.mark.parametrize(

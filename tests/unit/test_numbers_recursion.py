@@ -366,17 +366,19 @@ def test_loops_are_taken_from_twelve_joints_where_they_are_much_shorter(monkeypa
     assert chosen(Made(model=empty)) is None
 
     class Asked:
-        """An arm of n joints that may carry a payload that changes."""
+        """An arm of n joints that may carry a payload that changes, or have a mechanism."""
 
-        def __init__(self, n: int, loaded: bool, recursion: bool, branched: bool = False) -> None:
+        def __init__(self, n: int, loaded: bool, recursion: bool, branched: bool = False, moves: object = None) -> None:
             self.model, self.loaded, self.recursion = Made(n_a=n, branched=branched), loaded, recursion
+            self.moves = moves
 
     monkeypatch.setattr(column_functions, "_chain_of", lambda asked: "chain")
     monkeypatch.setattr(column_functions, "arm_of", lambda asked: asked)
     monkeypatch.setattr(column_functions, "fast_function", lambda asked, name: asked.recursion or None)
     cases = ((12, False, True), (11, False, True), (40, True, True), (40, False, False), (40, False, True, True))
+    cases += ((40, False, True, False, ({0: 1.0},)),)
     found_for = [column_functions.long_chain(Asked(*x)) for x in cases]  # type: ignore[arg-type]
-    assert found_for == ["chain", None, None, None, None]
+    assert found_for == ["chain", None, None, None, None, None]
 
 
 def test_costs_of_steps_count_lanes_rows_and_both_triangles() -> None:
