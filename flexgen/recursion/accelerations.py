@@ -63,5 +63,5 @@ def routes(arm: Arm, force: ca.SX, armature: np.ndarray) -> list[Solver]:
 
         return Solved(articulated_body.forward_dynamics(tape, chain, q, loads, turns, f, own), q, v, solve)
 
-    free = kind(armature) and arm.moves is None  # joints that mechanisms couple are no articulated bodies
+    free = kind(armature) and arm.moves is None  # (mechanisms couple joints that are not next to each other)
     return [by_mass_matrix, by_articulated_bodies] if free else [by_mass_matrix]
