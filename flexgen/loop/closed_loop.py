@@ -281,9 +281,9 @@ class ClosedLoop:
 
     @property
     def state(self) -> tuple[np.ndarray, ...]:
-        """``q_a, v_a, q_m, v_m`` now, (lanes, n) each."""
+        """``q_a, v_a, q_m, v_m`` and the states of gears and motors z/W now, (lanes, n) each."""
         ends = np.cumsum([self.model.n_a, self.model.n_a, self.model.n_m, self.model.n_m])
-        return tuple(x.T.copy() for x in np.split(self._arrays["state"], ends)[:4])
+        return tuple(x.T.copy() for x in np.split(self._arrays["state"], ends))
 
     def snapshot(self) -> Snapshot:
         """All that changes in a run, for `restore`."""

@@ -134,19 +134,20 @@ class LocalDynamics:
         """The same under the force on the tool at the instant ``t`` [s], where there is one."""
         return self if force is None else LocalDynamics(self.equations.pushed_by(force.at(np.array([t]))[0]))
 
-    def rest(self, q_m: np.ndarray, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def rest(
+        self, q_m: np.ndarray, values: np.ndarray, start: np.ndarray, more: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Arm angles (n_a,) and holding torques (n_m,) with the motors at ``q_m``, from a start ``q_a`` by Newton.
 
-        SolverError where there is no equilibrium near the start.
+        ``more`` (n,): forces on ``y`` in addition. SolverError where there is no equilibrium near the start.
         """
         model, n_m, n = self.model, self.model.n_m, self.model.dof
-        y = np.concatenate([start, q_m[list(model.i_m)]])
-        tau = np.zeros(n_m)
+        y, tau = np.concatenate([start, q_m[list(model.i_m)]]), np.zeros(n_m)
         for _ in range(NEWTON_STEPS):
             arguments = self._motion(y[None], q_m, tau)
             r_a, r_m = evaluate(self._residual, *arguments, *self._pass_parameters(self._residual, values))
             R = evaluate(self._jacobians, *arguments, *self._pass_parameters(self._jacobians, values))[1].reshape(n, -1)
-            r = np.concatenate([r_a.ravel(), r_m.ravel()[list(model.i_m)]])
+            r = np.concatenate([r_a.ravel(), r_m.ravel()[list(model.i_m)]]) - more
             A = np.block([[R[:, :n], R[:, 2 * n :]], [self._C, np.zeros((n_m, n_m))]])
             try:
                 step = np.linalg.solve(A, np.concatenate([r, self._C @ y - q_m]))
@@ -177,8 +178,7 @@ class LocalDynamics:
 
     def _motion(self, y: np.ndarray, q_m: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, ...]:
         k, n_a, n_m = len(y), self.model.n_a, self.model.n_m
-        arm, motors = np.zeros((k, n_a)), np.zeros((k, n_m))
-        angles = np.tile(q_m, (k, 1))
+        arm, motors, angles = np.zeros((k, n_a)), np.zeros((k, n_m)), np.tile(q_m, (k, 1))
         angles[:, list(self.model.i_m)] = y[:, n_a:]
         return y[:, :n_a], arm, arm, angles, motors, motors, np.tile(tau, (k, 1))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -20,6 +21,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import columns_in, unit_of
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.process_force import ProcessForce
+from flexgen.simulation.hysteretic_rate import generalized_force
 from flexgen.trajectory import Trajectory
 
 SAMPLE_S = 1e-3
@@ -89,7 +91,8 @@ class ResidualVibration:
         last_rest = self._local.under(force, path_end)
         for lane, values in enumerate(self.plants.values):
             arm = np.ascontiguousarray(found.motion[:, : model.n_a, lane])
-            ended, _ = last_rest.rest(m["q_m"][-1], values, m["q_a"][-1])
+            more = self._memory(lane, loop.state[-1][lane], m["q_m"][-1])
+            ended, _ = last_rest.rest(m["q_m"][-1], values, m["q_a"][-1], more)
             at_rest, moving = self._output(ended[None]), self._output(arm)
             error = moving - at_rest
             out.append(CubicSpline(time, error[:, self._rows])(instants))  # smooth in the duration, for slopes
@@ -101,6 +104,14 @@ class ResidualVibration:
         table = np.zeros((len(time) * steps, n_m + TOOL, 1))
         table[:, n_m:, 0] = force.mean(time[0] + h * (np.arange(len(table)) + 0.5), h)
         return table
+
+    def _memory(self, lane: int, share: np.ndarray, q_m: np.ndarray) -> np.ndarray | float:
+        """Forces on y (n,) of the hysteresis of the gears of a robot, whose torques are ``share`` z/W."""
+        if not self._laws:
+            return 0.0
+        layers, n_g = self._laws[lane].gears, self.model.n_g
+        z = np.sum([layer.slip * share[k * n_g : (k + 1) * n_g] for k, layer in enumerate(layers)], axis=0)
+        return np.array(ca.DM(generalized_force(self.model, ca.SX(ca.DM(z)), ca.SX(ca.DM(q_m))))).ravel()
 
     def _output(self, q_a: np.ndarray) -> np.ndarray:
         return evaluate(self.equations.function("output"), q_a)[0].reshape(len(q_a), -1)

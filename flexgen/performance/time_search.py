@@ -166,7 +166,7 @@ class TimeSearch:
         """Vibration after the path of the last inversion over the allowed one (k,)."""
         force = None if self.force is None else in_time(self.force, self.retime(x))
         values = self._vibration(trajectory_of(self.found, 0.0, self.model.name), float(x[0]), force)
-        return np.nan_to_num(values.ravel() / (self.swings or 1.0), nan=1e3)
+        return np.nan_to_num(np.linalg.norm(values, axis=2).ravel() / (self.swings or 1.0), nan=1e3)
 
     def retime(self, x: np.ndarray) -> Path:
         """The path with this time law."""

@@ -488,6 +488,28 @@ def test_vibrations_after_a_move_are_those_of_robots_with_other_springs() -> Non
     assert np.abs(made(rest, 1.0)).max() < 1e-3 * np.abs(found).max()
 
 
+@pytest.mark.slow
+def test_vibration_does_not_include_what_hysteresis_holds_at_rest() -> None:
+    """The tool comes to rest 0.15 mm from where the springs alone would hold it; it vibrates as without hysteresis."""
+    gears = {f"element.arm{k}.dof.q{k}.gear.hysteresis": {"lost_motion": 2.9e-4, "stiffness": 4e5} for k in (1, 2)}
+    found = []
+    for model in (flexgen.read("planar5_nmp"), flexgen.read("planar5_nmp", overrides=gears)):
+        solution = flexgen.solve(model, verify=False, progress=False)
+        made = residual_vibration.ResidualVibration(derive(model), lambda line: None)
+        found.append(np.linalg.norm(made(solution.trajectory, solution.move.duration), axis=2))
+    assert found[1].max() < found[0].max() < 1e-5  # m
+    assert found[1][:, -1].max() < 1e-7  # 1.5e-4 with the rest of the springs
+
+
+def test_a_bound_of_the_vibration_is_one_of_its_size() -> None:
+    """Not of its components, each of which is below the bound here."""
+    motion = SimpleNamespace(_vibration=lambda *_: np.array([[[0.9, 0.8], [0.3, -0.4]]]), swings=1.0, force=None)
+    motion.found, motion.model = None, SimpleNamespace(name="")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time_search, "trajectory_of", lambda *_: None)
+        assert_allclose(TimeSearch.swing(motion, np.array([1.0])), [np.hypot(0.9, 0.8), 0.5])
+
+
 @pytest.mark.parametrize("move", ["joints", "line"])
 def test_joints_along_a_path_have_the_derivatives_of_their_differences(move: str) -> None:
     """Moves of the joints and of the tool; they begin at the start of the path."""
