@@ -264,11 +264,13 @@ class TimeSearch:
     def calm(self, x: np.ndarray, history: list[float]) -> np.ndarray:
         """From the fastest time law to longer ones with the least vibration, until it is small enough."""
         for longer in LONGER:
-            x = np.concatenate([[longer * history[-1]], x[1:]])
+            x = np.concatenate([[max(longer * history[-1], x[0])], x[1:]])
             x, worst = self._calmest(x)
             self.tell(f"{x[0]:.4f} s: vibration {worst:.2f} times the allowed one")
             if worst <= 1.0:
-                return self._slow_down(x)
+                x = self._slow_down(x)
+                if np.abs(self.swing(x)).max() <= 1.0 + KEPT:  # of the law that is slower, too
+                    return x
         raise SolverError(
             f"fastest: vibration stays above {self.swings:.3g} m with {LONGER[-1]:g} times the shortest duration; "
             "allow more vibration"

@@ -501,6 +501,19 @@ def test_vibration_does_not_include_what_hysteresis_holds_at_rest() -> None:
     assert found[1][:, -1].max() < 1e-7  # 1.5e-4 with the rest of the springs
 
 
+def test_a_law_that_is_slowed_down_keeps_the_bound_of_the_vibration() -> None:
+    """Between its samples a limit allows 1.2 s or more; robots vibrate between 1.15 and 1.25 s."""
+
+    def constraints(x: np.ndarray, finer: int = 1) -> np.ndarray:
+        return np.array([(1.2 if finer > 1 else 0.5) / x[0]])
+
+    def swing(x: np.ndarray) -> np.ndarray:
+        return np.array([1.5 if 1.15 < x[0] < 1.25 else 0.5])
+
+    x = search(1, constraints=constraints, swing=swing, swings=1.0).calm(np.array([1.0, 0.5]), [1.0])
+    assert x[0] == pytest.approx(1.3)
+
+
 def test_a_bound_of_the_vibration_is_one_of_its_size() -> None:
     """Not of its components, each of which is below the bound here."""
     motion = SimpleNamespace(_vibration=lambda *_: np.array([[[0.9, 0.8], [0.3, -0.4]]]), swings=1.0, force=None)
