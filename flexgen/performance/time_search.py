@@ -20,6 +20,7 @@ from flexgen.inversion.solution import Solution
 from flexgen.loop.reference import trajectory_of
 from flexgen.mechanics.limit_use import ToolMotion, limit_rows, norms, tool_motion
 from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.output_columns import unit_of
 from flexgen.model.elements import Move
 from flexgen.model.friction import has_harmonics
 from flexgen.paths.path import Path
@@ -272,8 +273,8 @@ class TimeSearch:
                 if np.abs(self.swing(x)).max() <= 1.0 + KEPT:  # of the law that is slower, too
                     return x
         raise SolverError(
-            f"fastest: vibration stays above {self.swings:.3g} m with {LONGER[-1]:g} times the shortest duration; "
-            "allow more vibration"
+            f"fastest: vibration stays above {self.swings:.3g} {unit_of(self.model)} with {LONGER[-1]:g} times the "
+            "shortest duration; allow more vibration"
         )
 
     def _calmest(self, x: np.ndarray) -> tuple[np.ndarray, float]:
