@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicHermiteSpline, interp1d
-from scipy.optimize import minimize
+from scipy.optimize import minimize, nnls
 
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade
@@ -99,6 +99,25 @@ def test_each_sample_of_a_long_table_acts_at_its_own_instant() -> None:
     time = 5e-4 * np.arange(-4200, 14000)
     B = basis(time, time, "hold")
     assert_allclose(B @ time, time, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", [0.9, 0.4, 0.02])
+def test_a_long_table_keeps_a_limit_of_acceleration(part: float) -> None:
+    """A search of first order does not end: differences are 1e-4 of the samples, as those of a move of 1.2 s."""
+    T, n = 4e-3, 600
+    time = T / 8 * np.arange(8 * n + 1)
+    s = np.clip((time - 0.6) / 1.2, 0.0, 1.0)
+    r = 48.0 * (s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3))[:, None]
+    B = basis(time, T * np.arange(n + 1), "linear")
+    free = fit_samples(B, r)
+    bound = part * np.abs(np.diff(free[:, 0], 2)).max() / T**2
+    found = fit_within(B, r, T, (None, np.array([bound])))[:, 0]
+    assert np.abs(np.diff(found, 2)).max() <= (1 + 1e-7) * bound * T**2
+    reached = np.abs(np.abs(np.diff(found, 2)) / T**2 - bound) < 1e-4 * bound
+    gradient = 2 * np.asarray(B.T @ (B @ found - r[:, 0]))
+    D = np.diff(np.eye(n + 1), 2, axis=0)[reached] * np.sign(np.diff(found, 2)[reached])[:, None]
+    _, left = nnls(D.T, -gradient, maxiter=100_000)  # of the conditions of Karush, Kuhn and Tucker
+    assert reached.any() and left < 0.01 * np.linalg.norm(gradient)
 
 
 def test_samples_within_limits_are_those_of_another_solver() -> None:
