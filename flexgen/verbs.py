@@ -247,7 +247,7 @@ identify MODEL | identify:identify | identify
         truth MODEL: with --move: the true robot of a simulated experiment; default: robots drawn from the covariance of
             the parameters
     files
-        out FILE: write the new model file (.toml)
+        out FILE toml_file: write the new model file (.toml)
         @report
 calibrate MODEL | calibration:calibrate | calibrate
     arguments
@@ -303,7 +303,7 @@ command-positions MODEL | | command_positions
         @move
     files
         @page
-        out FILE: write the positions of the joints to this file: .csv (degrees, mm), .npz, .mat or .json
+        out FILE positions_file: write the positions of the joints to this file: .csv (degrees, mm), .npz, .mat or .json
 identify-servo MODEL | | identify_servo
     arguments
         <record> DATA: CSV file of commands and angles: time_s, then JOINT_command_deg and JOINT_deg of each joint

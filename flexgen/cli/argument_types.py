@@ -106,26 +106,33 @@ def factor_or_file(text: str) -> float | Path:
     return file_path(text) if math.isnan(value) else not_negative(text)
 
 
+def _file(text: str, *endings: str) -> Path:
+    """A file name with one of these endings."""
+    path = Path(text)
+    if path.suffix not in endings:
+        expected = " or ".join(filter(None, (", ".join(endings[:-1]), endings[-1])))
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in {expected}")
+    return path
+
+
 def trajectory_file(text: str) -> Path:
     """A file name ending in .npz, .csv or .mat."""
-    path = Path(text)
-    if path.suffix not in (".npz", ".csv", ".mat"):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .npz, .csv or .mat")
-    return path
+    return _file(text, ".npz", ".csv", ".mat")
+
+
+def positions_file(text: str) -> Path:
+    """A file name ending in .csv, .npz, .mat or .json."""
+    return _file(text, ".csv", ".npz", ".mat", ".json")
 
 
 def npz_file(text: str) -> Path:
     """A file name ending in .npz."""
-    if not text.endswith(".npz"):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .npz")
-    return Path(text)
+    return _file(text, ".npz")
 
 
 def toml_file(text: str) -> Path:
     """A file name ending in .toml."""
-    if not text.endswith(".toml"):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .toml")
-    return Path(text)
+    return _file(text, ".toml")
 
 
 def text(text: str) -> str:

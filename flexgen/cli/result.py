@@ -48,7 +48,13 @@ class VerbResult:
 def keywords(args: Namespace, *without: str) -> dict[str, Any]:
     """The given arguments that are parameters of the public function of the verb, by name, but ``model`` and these."""
     known = defaults_of(args.row.function)
-    return {name: getattr(args, name) for name in args.given if name in known and name not in ("model", *without)}
+    found = {name: getattr(args, name) for name in args.given if name in known and name not in ("model", *without)}
+    if "plants" in found:
+        names = [name for name, _ in found["plants"]]
+        if len(set(names)) != len(names):
+            raise ArgumentError(f"plants: given {', '.join(names)}, expected different names")
+        found["plants"] = dict(found["plants"])
+    return found
 
 
 def call(args: Namespace, log: Progress, *first: Any) -> Any:

@@ -104,6 +104,19 @@ def test_wrong_words_are_refused_with_a_message(words, said, capsys):
     assert said in capsys.readouterr().err
 
 
+def test_options_that_are_repeated_are_robots_by_name(monkeypatch, capsys):
+    seen = {}
+    monkeypatch.setattr(flexgen, "command_positions", lambda model, **given: seen.update(given) or {})
+    words = ["command-positions", "planar5_nmp", "-q", "--plants", "soft:stiffness=0.8,payload=5"]
+    assert main([*words, "--plants", "stiffness=0.9"]) == 0
+    assert seen["plants"] == {"soft": {"stiffness": 0.8, "payload": 5.0}, "stiffness=0.9": {"stiffness": 0.9}}
+    assert main([*words, "--plants", "soft:stiffness=0.7"]) == 1
+    assert main([*words, "--out", "positions.txt"]) == 2  # before the computation
+    said = capsys.readouterr().err
+    assert "plants: given soft, soft, expected different names" in said
+    assert "given 'positions.txt', expected a file name ending in .csv, .npz, .mat or .json" in said
+
+
 @pytest.mark.slow
 def test_score_and_its_refusals(tmp_path, capsys):
     assert main(["score", "four_mass", "-q", "--json"]) == 0

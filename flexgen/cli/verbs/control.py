@@ -22,15 +22,11 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.reports.control_texts import text_of_control
 
     model = read_model(args)
-    names = [name for name, _ in args.plants or ()]
-    if len(set(names)) != len(names):
-        raise ArgumentError(f"--plant: given {', '.join(names)}, expected different names")
     run = simulate(
         model,
-        plants=dict(args.plants or ()),
         disturbances=[Disturbance(**given) for given in args.disturbances or ()],
         wall=wall_of(args),
-        **keywords(args, "plants", "disturbances", "wall"),
+        **keywords(args, "disturbances", "wall"),
         progress=throttle(log),
     )
     margins = run.margins()
