@@ -268,7 +268,8 @@ def _time(sampled: bool = False, check: Check | None = None) -> tuple[Key, ...]:
 
 def _needs_tool(table: Table, here: Context) -> None:
     if here.of_file("output").type not in TOOL:
-        raise table.fail("type", "joint or output_line, because the output is not the tool's position or pose")
+        expected = "joint or output_line, because the output is not the tool's position or pose"
+        raise table.fail("type", f'{expected}, or a table [output] with type = "tool_pose" or "tool_position"')
 
 
 def _needs_outputs(table: Table, here: Context) -> None:

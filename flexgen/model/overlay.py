@@ -334,7 +334,8 @@ class _Overlay:
         if "name" not in self.top:
             problem = c_name_problem(self.urdf.name)
             if problem is not None:
-                raise self.top.fail("name", f"a name for the robot that URDF calls {show(self.urdf.name)}: {problem}")
+                what = f"a name for the robot that URDF calls {show(self.urdf.name)}: {problem}"
+                raise self.top.fail("name", f"{what} ('flexgen new NAME --urdf FILE' writes a file with one)")
             out["name"] = self.urdf.name
         out["description"] = f"from {show(self.ends[0])} to {show(self.ends[1])} of {Path(file).name}"
         out["gravity"] = [0.0, 0.0, -9.81]

@@ -15,7 +15,7 @@ from flexgen.errors import ArgumentError
 from flexgen.model.elements import Coordinate, RobotModel
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
-from flexgen.model.urdf import Urdf
+from flexgen.model.urdf import Urdf, among
 from flexgen.model.urdf_chain import MOVING
 from flexgen.model.urdf_source import PACKAGE, locate
 from flexgen.spec.ports import c_name_problem
@@ -71,6 +71,9 @@ def _overlay(name: str, given: str, folder: Path) -> str:
         raise ArgumentError(f"urdf: given {file!r}, which is not a file, expected FILE.urdf or FILE.urdf#BASE:TIP")
     urdf = Urdf(path, file)
     base, _, tip = ends.partition(":") if ends else _longest(urdf)
+    for what, link in (("BASE", base), ("TIP", tip)):
+        if link not in urdf.links:
+            raise ArgumentError(f"urdf: given {link!r} as {what}, expected a link of {file}: {among(link, urdf.links)}")
     chain = _above(urdf, tip)
     lock = [joint.name for joint in urdf.joints.values() if joint.type in MOVING and joint.name not in chain]
     table = [f'base = "{base}"', f'tip = "{tip}"', *([f"lock = {json.dumps(lock)}  # at zero"] if lock else [])]

@@ -10,6 +10,7 @@ import pytest
 
 import flexgen
 from flexgen.cli.main import main
+from flexgen.errors import ModelError
 from flexgen.model.reader import read
 from flexgen.templates import new_model
 from flexgen.verb_texts import LISTS
@@ -87,6 +88,25 @@ def test_an_existing_file_is_not_replaced(made, tmp_path, capsys):
     assert main(["new", "1st", "--out", str(tmp_path / "x.toml")]) == 1
     assert "name: given '1st', expected" in capsys.readouterr().err
     assert main(["new", "mine", "--urdf", str(tmp_path / "no.urdf"), "--force", "--out", str(path)]) == 1
+
+
+@pytest.mark.parametrize("ends", ["flor:tool_point", "floor:tool", "floor"])
+def test_an_end_that_is_not_a_link_is_refused_with_the_names_of_all(ends, tmp_path, capsys):
+    assert main(["new", "mine", "--urdf", f"{URDF}#{ends}", "--out", str(tmp_path / "x.toml")]) == 1
+    said = capsys.readouterr().err
+    assert f"expected a link of {URDF}: " in said and '"pedestal"' in said and "rigid.toml" not in said
+
+
+def test_a_urdf_file_without_a_usable_name_and_a_move_without_a_tool_say_what_to_do(tmp_path):
+    joint = '<joint name="q" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>'
+    links = '<link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" '
+    links += 'ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm-1">{links}{joint}</robot>')
+    with pytest.raises(ModelError, match=r"name: given nothing.*'flexgen new NAME --urdf FILE' writes a file with one"):
+        read(f"{tmp_path / 'arm.urdf'}#a:b")
+    move = '[[move]]\nname = "m"\ntype = "tool_line"\nstart_deg = [0, 0, 0]\ndisplacement = [0, 0, 0.1]\n'
+    with pytest.raises(ModelError, match=r'or a table \[output\] with type = "tool_pose" or "tool_position"'):
+        overlay(tmp_path, move + "duration = 1.0\nsmoothness = 5\n")
 
 
 def overlay(tmp_path, text):
