@@ -38,6 +38,7 @@ STILL_S, STILL = 0.05, 1e-3  # the command rests for so long at the begin, up to
 STEPS, CLOSE, WEIGHT = 40, 1e-5, 1e-4  # of Levenberg and Marquardt; the last one, relative; first weight
 LOWER = 1.5, 2.5  # factors of the gains where searches begin again
 SMALL = 1e-4  # of the lag: less is not seen as noise
+FARTHEST = 5.0  # largest motion of a joint, in motions of its command
 LONGEST_STEP = 0.7  # of the logarithm of a gain
 COMMON = ("speed_feedforward", "reference_filter_s", "latency_s")
 MOVED = {"speed_feedforward": 1e-3, "reference_filter_s": 1e-5, "latency_s": 1e-5}  # differences for derivatives
@@ -157,6 +158,19 @@ def _check_record(record: ServoRecord, robot: RobotModel) -> None:
         raise ArgumentError(
             f"{where}: given commands that do not move {', '.join(names)}, expected that every joint moves"
         )
+    for i, x, command, angle in zip(robot.i_g, size, record.command.T, record.angle.T, strict=True):
+        name, dof = robot.coordinates[i].name, robot.coordinates[i].dof
+        low, high = (None, None) if dof is None else (dof.lower, dof.upper)
+        if low is not None and high is not None and max(low - command.max(), command.min() - high) > 0.0:
+            raise ArgumentError(
+                f"{where}: given commands of {name} from {command.min():.4g} to {command.max():.4g} "
+                f"{robot.coordinates[i].unit}, all beyond its limits, expected some within; the unit of its columns?"
+            )
+        if np.ptp(angle) > FARTHEST * x:
+            raise ArgumentError(
+                f"{where}: given angles of {name} that move {np.ptp(angle) / x:.4g} times as far as its commands, "
+                "expected angles of the joint: those of the motor over the gear ratio, in the unit of the column"
+            )
     moved = np.abs(record.command[:count] - record.command[0]).max(axis=0) / size
     if moved.max() > STILL:
         raise ArgumentError(

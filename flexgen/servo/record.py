@@ -21,6 +21,7 @@ from flexgen.type_checks import checked_class
 UNITS = {"rad": {"rad": 1.0, "deg": math.pi / 180.0}, "m": {"m": 1.0, "mm": 1e-3}}
 TIMES = {"time_s": 1.0, "time_ms": 1e-3}
 MOST, FEWEST = 1_000_000, 100  # rows
+LONGEST_S = 1.0  # between two rows
 EVEN = 0.02  # largest difference of a step in time from the others, relative
 
 
@@ -65,10 +66,16 @@ class ServoRecord:
         if not all(np.isfinite(x).all() for x in (self.time, self.command, self.angle)):
             raise ArgumentError(f"{where}: given NaN or infinity, expected finite numbers")
         steps = np.diff(self.time)
+        if steps.mean() > LONGEST_S:
+            raise ArgumentError(
+                f"{where}: given {steps.mean():g} s between two rows, expected at most {LONGEST_S:g} s; times in "
+                "milliseconds are in a column time_ms"
+            )
         if not (np.abs(steps - steps.mean()) <= EVEN * steps.mean()).all() or steps.mean() <= 0.0:
             row = int(np.argmax(np.abs(steps - np.median(steps)))) + 2
             raise ArgumentError(
-                f"{where}: given unequal steps in time at row {row}, expected one period between all rows"
+                f"{where}: given unequal steps in time at row {row}, {steps[row - 2]:.6g} s after the row before, "
+                f"expected one period between all rows, {np.median(steps):.6g} s"
             )
 
     @property
@@ -87,6 +94,11 @@ class ServoRecord:
                 clock, columns = _columns(file, head, model)
                 for number, cells in enumerate(lines, 2):
                     if cells:
+                        if len(cells) < len(head) or any(map(str.strip, cells[len(head) :])):
+                            raise ArgumentError(
+                                f"{file}:{number}: given {len(cells)} cells, expected {len(head)}, one for each name "
+                                "in the first line; decimals have a point"
+                            )
                         rows.append([_number(file, number, head, cells, k) for k, _ in (clock, *columns)])
                     if len(rows) > MOST:
                         raise ArgumentError(f"{file}: given more than {MOST} rows, expected fewer")
@@ -101,7 +113,9 @@ def _columns(file: Path, head: list[str], model: RobotModel) -> tuple[tuple[int,
     """Number and factor of the column of the time, and of those of commands, then angles."""
     clock = next(((head.index(name), factor) for name, factor in TIMES.items() if name in head), None)
     if clock is None:
-        raise ArgumentError(f"{file}:1: given the columns {', '.join(head)[:200]}, expected time_s or time_ms")
+        one = len(head) == 1 and (";" in head[0] or "\t" in head[0])
+        more = " and commas between the columns, points in the numbers" if one else ""
+        raise ArgumentError(f"{file}:1: given the columns {', '.join(head)[:200]}, expected time_s or time_ms{more}")
     out = []
     for middle in ("_command", ""):
         for coordinate in (model.coordinates[i] for i in model.i_g):
@@ -115,8 +129,10 @@ def _columns(file: Path, head: list[str], model: RobotModel) -> tuple[tuple[int,
 
 def _number(file: Path, line: int, head: list[str], cells: list[str], column: int) -> float:
     """The number of a cell."""
-    cell = cells[column] if column < len(cells) else ""
     try:
-        return float(cell)
+        value = float(cells[column])
     except ValueError:
-        raise ArgumentError(f"{file}:{line}: {head[column]}: given {cell[:40]!r}, expected a number") from None
+        value = math.nan
+    if not math.isfinite(value):
+        raise ArgumentError(f"{file}:{line}: {head[column]}: given {cells[column][:40]!r}, expected a finite number")
+    return value

@@ -270,6 +270,9 @@ def test_bad_arguments_of_commands(solved, given, message):
         ("time_s,q1_command_deg,q1_deg\n", r"record.csv:1: given no column q2_command_rad or q2_command_deg"),
         ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,x,1,1\n", r"record.csv:2: q2_command_deg: given 'x'"),
         ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,1\n", r"given 1 rows, expected 100"),
+        ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,nan\n", r"record.csv:2: q2_deg: given 'nan'"),
+        ("time_s,q1_command_deg,q2_command_deg,q1_deg,q2_deg\n0,1,1,1,5,1\n", r":2: given 6 cells, expected 5,"),
+        ("time_s;q1_command_deg;q1_deg\n0;1,5;1\n", r"expected time_s or time_ms and commas between the columns"),
     ],
 )
 def test_bad_records(tmp_path, lines, message):
@@ -286,8 +289,22 @@ def test_records_that_do_not_move_or_begin_in_motion():
     moving = np.sin(t)[:, None] * [1.0, 1.0]
     with pytest.raises(ArgumentError, match="begins at rest"):
         flexgen.identify_servo("elbow", flexgen.ServoRecord(t, moving, moving), progress=False)
-    with pytest.raises(ArgumentError, match="unequal steps in time at row"):
+    with pytest.raises(ArgumentError, match=r"in time at row 102, 0.104 s after the row before, .* rows, 0.004 s"):
         flexgen.ServoRecord(np.where(t > 0.4, t + 0.1, t), still, still)
+    with pytest.raises(ArgumentError, match=r"given 4 s between two rows.*column time_ms"):
+        flexgen.ServoRecord(1000.0 * t, still, still)
+
+
+def test_records_in_other_units_are_refused():
+    """Degrees in columns of radians, and angles of motors, which begin at rest."""
+    t, ratios = 4e-3 * np.arange(200), np.ravel([m.ratio for m in flexgen.read("planar5_nmp").motors])
+    moved = np.array([0.3, -1.1]) + 0.1 * np.clip(t - 0.2, 0.0, 1.0)[:, None] ** 2 * [1.0, 1.0]
+    with pytest.raises(ArgumentError, match="given angles of q1 that move 100 times as far as its commands"):
+        flexgen.identify_servo("planar5_nmp", flexgen.ServoRecord(t, moved, ratios * moved), progress=False)
+    degrees = flexgen.ServoRecord(t, np.rad2deg(moved), np.rad2deg(moved))
+    limits = {f"element.arm1.dof.q1.{key}": value for key, value in (("lower_deg", -90.0), ("upper_deg", 90.0))}
+    with pytest.raises(ArgumentError, match=r"given commands of q1 from 17.19 to .* rad, all beyond its limits"):
+        flexgen.identify_servo(flexgen.read("planar5_nmp", overrides=limits), degrees, progress=False)
 
 
 # --- the servo of a model file ----------------------------------------------------------------------------------------
