@@ -155,6 +155,9 @@ class PositionCommands(Result):
                 Figure("tool error with these positions", x, unit, f"tool_error_max_{unit}"),
                 Figure("tool error with the planned motor angles", y, unit, f"today_error_max_{unit}"),
             ]
+            for other in self.run.runs[1:]:
+                error = self.run.figures(other)[f"error_max_{unit}"]
+                rows += [Figure(f"tool error of {other.name}", error, unit, f"{other.name}.tool_error_max_{unit}")]
         return (
             *rows,
             Figure("positions", len(self.time), "", "samples"),

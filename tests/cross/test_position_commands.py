@@ -169,6 +169,13 @@ def test_limits_of_a_solution_are_limits_of_its_positions(solved):
     assert found.status == "limits active: those of the solution" and found.active == ()
 
 
+def test_errors_of_other_robots_are_stated(solved):
+    given = {"solution": solved["planar5_nmp"], "plants": {"soft": {"stiffness": 0.9}}, "progress": False}
+    found = flexgen.command_positions(robot_of("planar5_nmp"), **given)
+    assert found.to_dict()["soft.tool_error_max_m"] == found.run.distance(found.run["soft"]).max() > 1e-5
+    assert "tool error of soft: " in str(found)
+
+
 def test_filters_of_the_torque_are_inverted(solved):
     """A low pass has zeros at z = -1: the least squares over the motion inverts them."""
     servo = flexgen.Servo(flexgen.PPI(filters=(flexgen.LowPass(300.0), flexgen.Notch(60.0))))
