@@ -43,6 +43,8 @@ def on_channels(angles=(1.0, 1.0), torques=(1.0, 1.0)):
 
 FAULTS = {
     "mass of arm3 20 % larger": lambda: measured(times(1.2, ["arm3.mass"])),
+    "mass of arm3 150 % larger": lambda: measured(times(2.5, ["arm3.mass"])),
+    "a missing payload of 2 kg": lambda: measured(with_values(TRUTH, {"payload.mass": 2.0})),
     "all masses 5 % larger": lambda: measured(times(1.05, masses_of(TRUTH))),
     "rotor inertia of m1 10 % smaller": lambda: measured(times(0.9, ["m1.inertia"])),
     "torques that act 0.3 ms later than stated": lambda: measured(drive=Drive(5e-4, 3e-4)),

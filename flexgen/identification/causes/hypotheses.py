@@ -18,7 +18,7 @@ from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 
-LEAST_VISCOUS = 1e-4  # where the search for a friction that the model does not have begins [N m s/rad]
+LEAST = {"viscous": 1e-4, "mass": 0.01}  # where the search for what the model does not have begins [N m s/rad], [kg]
 
 Words = Callable[[float], str]
 Change = Callable[[Frf, float], Frf]
@@ -50,8 +50,9 @@ def numbers_of(vector: ParameterVector) -> list[Number]:
     model = vector.model
     bodies = [e.name for e in model.elements if e.body.mass > 0]
     out = [Number((f"{name}.mass",), _say_change(f"mass of {name}", "larger", "smaller")) for name in bodies]
-    if model.payload.mass > 0:
-        out.append(Number(("payload.mass",), _say_change("payload", "heavier", "lighter")))
+    change = _say_change("payload", "heavier", "lighter")
+    say = change if model.payload.mass > 0 else _say_value("a missing payload", 1.0, "kg")
+    out.append(Number(("payload.mass",), say))
     for motor in model.motors:
         name = motor.name
         out.append(Number((f"{name}.inertia",), _say_change(f"rotor inertia of {name}", "larger", "smaller")))
@@ -82,11 +83,12 @@ def extend(vector: ParameterVector, names: tuple[str, ...], model: RobotModel | 
     more = names[:1] if model is None else names
     ties |= {name: names[0] for name in names[len(more) :]}
     robot = model or vector.model
-    zero = [p.name for p in select(robot, [n for n in more if n.endswith(".viscous")]) if p.value == 0.0]
+    zero = [n for n in more if n.endswith(".viscous") or n == "payload.mass"]
+    least = {p.name: LEAST[p.name.partition(".")[2]] for p in select(robot, zero) if p.value == 0.0}
     return ParameterVector(
         robot,
         [*vector.names, *more],
-        start={u.name: u.start for u in vector.unknowns} | dict.fromkeys(zero, LEAST_VISCOUS),
+        start={u.name: u.start for u in vector.unknowns} | least,
         bounds={u.name: (u.lower, u.upper) for u in vector.unknowns},
         priors={u.name: u.prior_sd for u in vector.unknowns},
         ties=ties,
@@ -162,7 +164,7 @@ def _swap(count: int, i: int, k: int) -> list[int]:
 
 def _say_change(what: str, more: str, less: str) -> Words:
     """Words for a factor: ``payload 20 % heavier``."""
-    return lambda factor: f"{what} {100 * abs(factor - 1):.2g} % {more if factor > 1 else less}"
+    return lambda factor: f"{what} {float(f'{100 * abs(factor - 1):.2g}'):g} % {more if factor > 1 else less}"
 
 
 def _say_recorded(what: str, inverse: bool = False) -> Words:
