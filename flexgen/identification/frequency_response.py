@@ -32,6 +32,7 @@ from flexgen.results import ArrayResult
 from flexgen.type_checks import checked_result, checked_types
 
 REPEATS = 6.0  # a period that differs from the others by more than this times their scatter does not repeat
+UNLIKE = 0.3  # of the signal: periods that differ so much from each other are a warning
 LARGEST_DIFFERENCE = 0.1  # of the signal: above it such a period is an error, below it a warning
 LARGEST = 1e100  # of a response or a variance in a file
 OVERLAP = 1 + 2 / 36  # variance of the mean over half overlapping Hann segments, over that of independent ones
@@ -375,13 +376,16 @@ def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
 
     Compared by the size of all lines together, so that noise of single lines averages out.
     """
-    if Y.shape[2] < 3:
-        return ()
     away = Y - np.median(Y.real, axis=2, keepdims=True) - 1j * np.median(Y.imag, axis=2, keepdims=True)
     size = np.sqrt((np.abs(away) ** 2).sum(axis=(3, 4)))  # (k, realizations, periods, experiments)
     usual = np.median(size, axis=2, keepdims=True)
     scale = np.sqrt((np.abs(Y) ** 2).sum(axis=(3, 4))).mean(axis=2, keepdims=True)
-    warnings = []
+    unlike = float((usual / scale).max())
+    warnings = [
+        f"the periods differ from each other by {unlike:.2g} of the signal: noise, or another period than was excited"
+    ] * (unlike > UNLIKE)
+    if Y.shape[2] < 3:
+        return tuple(warnings)
     for k, r, p, e in np.argwhere(size > REPEATS * np.maximum(usual, 1e-3 * scale)).tolist():
         part, others = size[k, r, p, e] / scale[k, r, 0, e], usual[k, r, 0, e] / scale[k, r, 0, e]
         line = (

@@ -1,4 +1,4 @@
-"""What records say about themselves: samples that were lost, and transients that have not decayed.
+"""Files of records, and what records say about themselves: lost samples, transients that have not decayed.
 
 A transient is in the first period more than in the later ones, noise is in all alike: with the spectra ``X_p`` of the
 periods, ``E_p = sum |X_{p+1} - X_p|^2`` is the same for all p up to its scatter, and ``E_1`` larger with a transient.
@@ -8,7 +8,14 @@ Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 
 
 from __future__ import annotations
 
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.npz_files import NpzError, read_npz
 
 FINE = 100  # least steps, over the resolution, in which one repeated sample is seen; in coarser ones a number of them
 COARSE = 4
@@ -67,3 +74,48 @@ def slow_transients(X: np.ndarray) -> np.ndarray:
     alike &= power.mean(axis=0) > SMALLEST**2 * (np.abs(X) ** 2).reshape(-1, X.shape[-1]).mean(axis=0)
     narrow = -X.shape[-3] * np.log(np.maximum(kept, 1e-300)) < 2 * np.pi * NARROW
     return np.asarray(alike | ((first_period_excess(X) > 1.0) & narrow))
+
+
+def read_named(file: Path, size_max: int) -> dict[str, Any]:
+    """The arrays of a file of another program by their names: .npz, .mat (version 5), .csv with names in line 1.
+
+    Raises
+    ------
+    ArgumentError
+        The file is larger than ``size_max`` bytes, cannot be read, or ends otherwise.
+    """
+    if file.stat().st_size > size_max:
+        raise ArgumentError(f"{file}: given {file.stat().st_size} bytes, expected at most {size_max}")
+    if file.suffix == ".npz":
+        try:
+            return dict(read_npz(file, size_max))
+        except NpzError as error:
+            raise ArgumentError(f"{file}: {error}") from None
+    if file.suffix == ".csv":
+        return _csv(file)
+    if file.suffix == ".mat":
+        from scipy.io import loadmat
+
+        try:
+            found = loadmat(str(file))
+        except Exception as error:  # the reader raises many kinds for a damaged file
+            raise ArgumentError(f"{file}: cannot be read as a MAT file of version 5 ({error})") from None
+        return {name: x for name, x in found.items() if isinstance(x, np.ndarray) and not name.startswith("_")}
+    raise ArgumentError(f"{file}: given the ending {file.suffix!r}, expected .mat, .npz or .csv")
+
+
+def _csv(file: Path) -> dict[str, Any]:
+    """Columns by the names in the first line."""
+    try:
+        with file.open(encoding="utf-8-sig") as stream:
+            names = [name.strip() for name in stream.readline().split(",")]
+            if not (first := stream.readline()).strip():
+                raise ValueError("no numbers")
+            values = np.loadtxt(chain([first], stream), delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        expected = "names in line 1, then numbers with a decimal point, and commas between the columns"
+        why = str(error).partition("; use")[0]
+        raise ArgumentError(f"{file}: cannot be read: {why}; expected {expected}") from None
+    if values.shape[1] != len(names) or len(set(names)) != len(names):
+        raise ArgumentError(f"{file}: given {values.shape[1]} columns and the names {names}, expected one name each")
+    return dict(zip(names, values.T, strict=True))

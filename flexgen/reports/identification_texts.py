@@ -103,14 +103,14 @@ def validation_text(checked: Validation, motors: Sequence[str]) -> str:
 
 def verdict_text(verdict: Verdict) -> str:
     """Tool errors of feedforward before and after an identification."""
-    robot = "the robot of --truth" if verdict.known else "robots drawn from the covariance"
+    robots = "x the robot of --truth" if verdict.known else "robots drawn from the covariance"
     kinds = [unit for unit in ("m", "rad") if getattr(verdict.rows[0], f"error_{unit}") is not None]
     rows = [
         [row.model, *(1e6 * (row.quantile(part, unit) or 0.0) for unit in kinds for part in (0.5, 0.95))]
         for row in verdict.rows
     ]
     head = ("torques of the model", *(f"{what}, u{u}" for u in kinds for what in ("median", "95 %")))
-    title = f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} x {robot}:"
+    title = f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} {robots}:"
     return f"{title}\n\n{table(rows, head)}"
 
 

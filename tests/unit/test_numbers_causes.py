@@ -122,7 +122,7 @@ def test_poses_of_recordings_have_the_unit_of_their_key(
     joint: str, key: str, factor: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rotations in the unit of the key; translations always in metres."""
-    model = Made(i_g=(0, 1), coordinates=[Made(unit=joint), Made(unit="m")])
+    model = Made(i_g=(0, 1), coordinates=[Made(unit=joint, dof=None), Made(unit="m", dof=None)])
     seen: dict[str, Any] = {}
 
     def angles(name: str, turns: list[bool]) -> list[float]:

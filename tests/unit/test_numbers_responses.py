@@ -101,6 +101,8 @@ def test_a_period_that_differs_is_named() -> None:
         ArgumentError, match=r"data: pose 2, .* by 0\.1[45] of the signal .*; leave out more transient peri"
     ):
         fr._check_repeats(some, "data")
+    (text,) = fr._check_repeats(complex_(rng, 1, 1, 5, 40, 2, 3), "data")
+    assert text.startswith("the periods differ from each other by 0.96 of") and text.endswith("than was excited")
     exact = np.ones((1, 1, 3, 5, 1, 1), complex)
     assert fr._check_repeats(exact, "data") == ()
     exact[0, 0, 1] += 5e-3

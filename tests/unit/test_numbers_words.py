@@ -370,7 +370,7 @@ def test_a_verdict_in_words_has_its_quantiles_in_micrometers() -> None:
     rows = (row("before", 2e-3, 5e-3), row("after", None, 1e-4))
     made: Any = SimpleNamespace(known=False, rows=rows, move="line", robots=24)
     text = verdict_text(made)
-    assert "of the move line with motor feedback, 24 x robots drawn from the covariance:" in text
+    assert "of the move line with motor feedback, 24 robots drawn from the covariance:" in text
     assert "median, um" in text and "95 %, um" in text and "urad" not in text
     assert [line.split() for line in text.splitlines()[-2:]] == [["before", "2000", "5000"], ["after", "0", "100"]]
     assert "24 x the robot of --truth:" in verdict_text(SimpleNamespace(**{**vars(made), "known": True}))  # type: ignore[arg-type]

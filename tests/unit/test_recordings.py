@@ -143,6 +143,14 @@ def test_mistakes_in_the_description_are_named(old, new, words, tmp_path):
         read_experiment(written(tmp_path, TEXT.replace(old, new)))
 
 
+def test_a_pose_beyond_the_limits_of_the_joints_is_refused(tmp_path):
+    """As of degrees under pose_rad."""
+    file = written(tmp_path, TEXT.replace("pose_rad = [0.0]", "pose_rad = [30.0]"))
+    (tmp_path / "bench.toml").write_text(BENCH.read_text().replace("axis =", "lower_deg = -90\nupper_deg = 90\naxis ="))
+    with pytest.raises(ModelError, match=r"pose_rad: given \[30.0\], .*goes to 30 rad, its range is -1.571 to 1.571"):
+        read_experiment(file)
+
+
 def test_a_damaged_file_is_refused(tmp_path):
     file = written(tmp_path)
     (tmp_path / "run.npz").write_bytes(b"no archive")
@@ -154,7 +162,11 @@ def test_a_damaged_file_is_refused(tmp_path):
         read_experiment(file)
     file = written(tmp_path, TEXT.replace("run.npz", "run.csv"))
     (tmp_path / "run.csv").write_text("t,current,angle\n1,2\n3,4,5\n")
-    with pytest.raises(ArgumentError, match=r"run\.csv: cannot be read"):
+    expected = r"; expected names in line 1, then numbers with a decimal point, and commas between the columns"
+    with pytest.raises(ArgumentError, match=rf"run\.csv: cannot be read: the number of columns changed .*2{expected}$"):
+        read_experiment(file)
+    (tmp_path / "run.csv").write_text("t,current,angle\n")
+    with pytest.raises(ArgumentError, match=r"run\.csv: cannot be read: no numbers; expected names"):
         read_experiment(file)
     with pytest.raises(ArgumentError, match="which is not a file"):
         read_experiment(tmp_path / "none.toml")

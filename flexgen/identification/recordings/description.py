@@ -59,15 +59,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.npz_files import NpzError, read_npz
-from flexgen.numerics.records import lost_samples
+from flexgen.numerics.records import lost_samples, read_named
 from flexgen.sensors import UNITS
 from flexgen.spec.tables import Table, parse_file
 
@@ -246,7 +244,7 @@ class Recording:
         kinds: tuple[list[_Channel], ...],
         model: RobotModel,
     ) -> None:
-        self.file, self.arrays = file, _arrays(file)
+        self.file, self.arrays = file, read_named(file, SIZE_MAX)
         self.t = self._column(clock)
         self.sample_s = self._sample_time()
         columns = []
@@ -341,38 +339,3 @@ def _describe(kind: str, channel: _Channel) -> str:
 def is_description(path: str | Path) -> bool:
     """Whether a path is that of a TOML file that describes recordings."""
     return Path(path).suffix == ".toml"
-
-
-def _arrays(file: Path) -> dict[str, Any]:
-    """The arrays of a recording."""
-    if file.stat().st_size > SIZE_MAX:
-        raise ArgumentError(f"{file}: given {file.stat().st_size} bytes, expected at most {SIZE_MAX}")
-    if file.suffix == ".npz":
-        try:
-            return dict(read_npz(file, SIZE_MAX))
-        except NpzError as error:
-            raise ArgumentError(f"{file}: {error}") from None
-    if file.suffix == ".csv":
-        return _csv(file)
-    if file.suffix == ".mat":
-        from scipy.io import loadmat
-
-        try:
-            found = loadmat(str(file))
-        except Exception as error:  # the reader raises many kinds for a damaged file
-            raise ArgumentError(f"{file}: cannot be read as a MAT file of version 5 ({error})") from None
-        return {name: x for name, x in found.items() if isinstance(x, np.ndarray) and not name.startswith("_")}
-    raise ArgumentError(f"{file}: given the ending {file.suffix!r}, expected .mat, .npz or .csv")
-
-
-def _csv(file: Path) -> dict[str, Any]:
-    """Columns by the names in the first line."""
-    try:
-        with file.open(encoding="utf-8-sig") as stream:
-            names = [name.strip() for name in stream.readline().split(",")]
-            values = np.loadtxt(stream, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
-        raise ArgumentError(f"{file}: cannot be read: {error}; expected names in line 1, then numbers") from None
-    if values.shape[1] != len(names) or len(set(names)) != len(names):
-        raise ArgumentError(f"{file}: given {values.shape[1]} columns and the names {names}, expected one name each")
-    return dict(zip(names, values.T, strict=True))

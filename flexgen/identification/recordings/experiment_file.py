@@ -19,6 +19,7 @@ from flexgen.identification.recordings.description import Description, Recording
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.numerics.spectra import line_offsets, spectrum, windowed_spectrum
+from flexgen.paths.joint_limits import beyond_range
 from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.position_servo.keys import LOW_PASS, NOTCH
 from flexgen.spec.keys import Context, number, read
@@ -60,6 +61,8 @@ def read_experiment(path: str | Path) -> Experiment:
     poses: dict[tuple[float, ...], list[tuple[np.ndarray, ...]]] = {}
     for table, recording in found.recordings:
         joints = table.angles("pose", [model.coordinates[i].unit == "rad" for i in model.i_g])
+        if beyond := beyond_range(model, np.array([joints])):
+            raise table.fail("pose_deg" if "pose_deg" in table else "pose_rad", f"a pose of the robot: {beyond[0]}")
         poses.setdefault(tuple(joints), []).append(_parts(recording, period, transients, periodic))
     return _experiment(found, poses)
 
