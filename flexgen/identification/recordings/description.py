@@ -31,7 +31,9 @@
     [[reference]]                              optional, one for each motor, keys as of [[angle]]: what a drive follows,
     motor = "m1"                               for `refine`, and to find the excited lines
 
-    [drive]                                    optional, for `refine`: position and speed control, one number a motor
+    [drive]                                    optional, for `refine`: position and speed control, one number a motor:
+                                               k_v (w + k_i h sum w), w = k_p (r - q) + D (r - q),
+                                               D x = (x_k - x_(k-1))/h
     position_gain = [8.0]                      1/s
     speed_gain = [0.4]                         N m s/rad, motor side
     integral_gain = [0.0]                      1/s, optional
