@@ -79,6 +79,17 @@ def test_the_ends_of_a_urdf_file_are_found(made):
     assert made("--urdf", str(URDF)).read_text().count('base = "floor"') == 1
 
 
+def test_the_link_that_bends_of_the_planar_template_is_plausible(made):
+    """As its comment says: without the signs #, and with another position of the tool."""
+    path = made("--template", "planar")
+    before, after = path.read_text().split("remove these signs #:\n")
+    lines, rest = after.split("\n\n", 1)
+    bends = "\n".join(line.removeprefix("# ") for line in lines.splitlines())
+    path.write_text(f"{before}\n{bends}\n\n{rest}".replace("position = [0, 0, 0.4]", "position = [0, 0, 0.15]"))
+    found = flexgen.check(path)
+    assert found.errors == found.warnings == () and flexgen.read(path).dof == 5
+
+
 def test_an_existing_file_is_not_replaced(made, tmp_path, capsys):
     path = made()
     assert main(["new", "mine", "--out", str(path)]) == 1
