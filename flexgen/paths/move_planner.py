@@ -278,18 +278,18 @@ class _Planner:
         speeds = [self._speed(step, k, self.move.profile) for k, step in enumerate(steps)]
         return BlendedCurve(start, self._pose(R), segments, zones[:-1]), speeds if self.move.profile else None
 
-    def _corners(self, segments: list[Segment], zones: list[float], steps: Sequence[Step]) -> None:
+    def _corners(self, segments: list[Segment], zones: list[float], steps: Sequence[Step], first: int = 0) -> None:
         """Check that zones do not overlap and that the path does not reverse in a corner."""
         around = [0.0, *zones, 0.0]
         for k, segment in enumerate(segments):
             if around[k] + around[k + 1] > segment.length * (1 + 1e-12):
                 at = k if around[k + 1] > 0 else k - 1
-                expected = f"zones that fit into the length {segment.length:.6g} of step {k + 1}"
-                raise self._step_wrong(steps[at], at, "zone", f"{around[k]:g} and {around[k + 1]:g}", expected)
+                expected = f"zones that fit into the length {segment.length:.6g} of step {first + k + 1}"
+                raise self._step_wrong(steps[at], first + at, "zone", f"{around[k]:g} and {around[k + 1]:g}", expected)
         trial = BlendedCurve(np.zeros(len(segments[0].total)), None, segments, zones)
         for k, zone in enumerate(zones):
             if zone > 0 and trial.min_corner_speed(k) < MIN_CORNER_SPEED:
-                raise self._step_wrong(steps[k], k, "zone", zone, "0, because the path reverses here")
+                raise self._step_wrong(steps[k], first + k, "zone", zone, "0, because the path reverses here")
 
     def _step_wrong(self, step: Step, k: int, key: str, given: object, expected: str) -> Exception:
         return wrong(step.where, f"{self.name}, step {k + 1}", key, given, expected)
@@ -429,7 +429,7 @@ class _Planner:
             segments.append(segment)
             here = here + segment.total
         zones = [step.zone for step in group[:-1]]
-        self._corners(segments, zones, group)
+        self._corners(segments, zones, group, first)
         speeds = [self._speed(step, k, profile) for k, step in enumerate(group, first)]
         curve = BlendedCurve(start, orientation, segments, zones)
         space = "joint" if joints else "tool"

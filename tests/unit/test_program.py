@@ -324,4 +324,4 @@ def test_bad_programs_from_files_name_their_line(arm, tmp_path: FilePath) -> Non
     with pytest.raises(ModelError) as caught:
         Path(arm, flexgen.read_moves(file, arm.model)[-1])
     assert (caught.value.line, caught.value.key) == (line, "program.seam.step[2].zone")
-    assert "zones that fit into the length 0.12 of step 1" in str(caught.value)
+    assert "zones that fit into the length 0.12 of step 3" in str(caught.value)
