@@ -133,17 +133,26 @@ class FastestMove(Result):
         """The move with its new time law."""
         return self.solution.move
 
+    @property
+    def assumed(self) -> dict[str, float]:
+        """Torque limits [N m] that are the largest torques of the move as it is given, as of motors that had none."""
+        largest = np.abs(self.default.trajectory["tau_m"]).max(axis=0)
+        names = [motor.name for motor in self.solution.model.motors]
+        return {name: x for name, x, y in zip(names, self.limits.torque or (), largest, strict=True) if x == y}
+
     def __repr__(self) -> str:
         return f"<FastestMove {self.solution.model.name}: {self.default_s:.4g} -> {self.duration_s:.4g} s>"
 
     def __str__(self) -> str:
         """Durations, limits and effort."""
         margin = ", ".join(f"{x:.3g}" for x in self.margin)
+        assumed = filter(None, [", ".join(f"{name} {x:.3g}" for name, x in self.assumed.items())])
         shorter = 100 * (1 - self.duration_s / self.default_s)
         return "\n".join(
             [
                 f"{self.solution.model.name}, move {self.move.name}: {self.duration_s:.4f} s instead of "
                 f"{self.default_s:.4f} s ({shorter:.0f} % less)",
+                *(f"  torque limits as of the largest torques of the move as given: {x} N m" for x in assumed),
                 f"  a rigid robot whose torques may jump needs {self.rigid_s:.4f} s",
                 f"  limits kept to {max(self.excess, 0):.1e}, {self.programs} programs, {self.inversions} inversions, "
                 f"{self.cpu_s:.2g} s of processor time",
@@ -169,6 +178,7 @@ class FastestMove(Result):
             f"vibration_{self.unit}": self.vibration,
             f"default_vibration_{self.unit}": self.default_vibration,
             "excess": self.excess,
+            "assumed_torque_max_Nm": self.assumed,
             "coefficients": self.coefficients,
             "timing": list(self.move.timing),
             "laws": [list(law) for law in getattr(self.move, "laws", ())],

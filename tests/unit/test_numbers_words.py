@@ -164,9 +164,12 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
             return "first\n   effort 3\nlast"
 
     made = object.__new__(minimum_time.FastestMove)
-    solution = Solved(model=SimpleNamespace(name="arm"), move=SimpleNamespace(name="line"))
+    motors = [SimpleNamespace(name=name) for name in ("m1", "m2")]
+    solution = Solved(model=SimpleNamespace(name="arm", motors=motors), move=SimpleNamespace(name="line"))
     fields = {
         "solution": solution,
+        "default": SimpleNamespace(trajectory={"tau_m": np.array([[0.5, 1.0], [-2.5, 0.0]])}),
+        "limits": SimpleNamespace(torque=(2.5, 4.0)),
         "default_s": 2.0,
         "duration_s": 1.5,
         "rigid_s": 1.25,
@@ -184,6 +187,7 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
     assert repr(made) == "<FastestMove arm: 2 -> 1.5 s>"
     assert str(made).splitlines() == [
         "arm, move line: 1.5000 s instead of 2.0000 s (25 % less)",
+        "  torque limits as of the largest torques of the move as given: m1 2.5 N m",
         "  a rigid robot whose torques may jump needs 1.2500 s",
         "  limits kept to 2.0e-06, 7 programs, 9 inversions, 0.5 s of processor time",
         "  vibration after the path, as in file: 1 mm (2 mm as given)",
