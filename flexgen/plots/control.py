@@ -181,18 +181,18 @@ def plot_learned(learned: LearningResult) -> Figure:
     top.set_ylabel(f"largest error, {unit}")
     top.xaxis.get_major_locator().set_params(integer=True)
     cv.log_axis(top.yaxis)
-    top.legend()
+    top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for run, color, label in ((first, cv.GREY, "before learning"), (best, cv.BLUE, f"iteration {learned.best}")):
         middle.plot(run.reference.time, 1e3 * run.distance(run[learned.plant]), color=color, label=label)
     middle.set_ylabel(f"error, {unit}")
-    middle.legend()
+    middle.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     correction = learned.corrections[learned.best]
     columns = correction[:, : min(3, correction.shape[1])]
     for k, (x, own) in enumerate(zip(columns.T, output_units(first.model), strict=False)):
         bottom.plot(learned.time, 1e3 * x, color=COLORS[k], label=f"output {k + 1}, m{own}")
     bottom.set_ylabel("correction")
     bottom.set_xlabel("time, s (grey: path)")
-    bottom.legend()
+    bottom.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for ax in (middle, bottom):
         ax.axvspan(0.0, first.reference.path_end, color=cv.GREY, alpha=0.08, lw=0)
         ax.set_xlim(learned.time[0], learned.time[-1])
