@@ -94,6 +94,7 @@ def commands(failure: str, saturated: int, active: tuple[str, ...]) -> PositionC
             model=model,
             solution=Made(move=Made(name="line"), status="solved"),
             nominal=Made(failure=failure, saturated=saturated),
+            runs=("nominal",),
             tool_error_max_m=size,
             tool_error_max_rad=2 * size if saturated else None,
         )
