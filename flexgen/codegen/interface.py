@@ -371,7 +371,8 @@ _FORCE = Field(
     ("n", "3 * n_y"),
     "mixed",
     "force on the output, dual to dy: of a pose force [N], then torque [N m] on the tool, world axes; then its first "
-    "and its second time derivative. Before the first and after the last sample it stays as it is there. Null: none",
+    "and its second time derivative. Before the first and after the last sample it stays as it is there. With own_path "
+    "of invert_many each problem has its own. Null: none",
 )
 _HELD_FORCE = Field(
     "force",
