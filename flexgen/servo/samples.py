@@ -7,14 +7,13 @@
 The samples are those whose interpolation is closest to the reference that is wanted at the samples of the servo,
 
     min sum_k |r(t_k) - r_k|^2,    |c_j - c_(j-1)| <= v T,    |c_(j+1) - 2 c_j + c_(j-1)| <= a T^2
-
-Bounds are kept by an interior-point method: S. Mehrotra, SIAM J. Optim. 2(4), 1992, from equal samples.
 """
 
 from __future__ import annotations
 
 from typing import Literal
 
+import casadi as ca
 import numpy as np
 from scipy.sparse import csc_matrix, diags_array, vstack
 from scipy.sparse.linalg import splu
@@ -24,8 +23,15 @@ from flexgen.errors import SolverError
 Interpolation = Literal["hold", "linear", "cubic"]
 _DIFFERENCES = {1: [-1.0, 1.0], 2: [1.0, -2.0, 1.0]}
 SLACK = 1e-9  # relative: a bound that is reached is kept
-GAP = 1e-10  # relative: cost above the least one
-STEPS = 100
+# first-order methods do not end: second differences are 1e-4 of the samples
+QP = {
+    "nlpsol": "ipopt",
+    "error_on_fail": False,
+    "nlpsol_options": {
+        "print_time": False,
+        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-11, "bound_relax_factor": 0.0},
+    },
+}
 
 
 def basis(time: np.ndarray, edges: np.ndarray, interpolation: str) -> csc_matrix:
@@ -66,42 +72,17 @@ def fit_within(
         No samples keep the bounds.
     """
     k, kept = B.shape[1], [(n, bound) for n, bound in enumerate(limits, 1) if bound is not None]
-    free, H = fit_samples(B, r) - r[0], csc_matrix(B.T @ B)
-    out = np.empty_like(free)
-    for j, own in enumerate(free.T):
+    steps = {n: diags_array(_DIFFERENCES[n], offsets=range(n + 1), shape=(k - n, k)) for n, _ in kept}
+    A, H = (ca.DM(csc_matrix(x)) for x in (vstack([steps[n] for n, _ in kept]), B.T @ B))
+    solver = ca.conic("samples", "nlpsol", {"h": H.sparsity(), "a": A.sparsity()}, QP)
+    out = np.empty((k, r.shape[1]))
+    for j, own in enumerate((r - r[0]).T):
         scale = max(float(np.abs(own).max()), 1e-12)
-        rows = [
-            diags_array(_DIFFERENCES[n], offsets=range(n + 1), shape=(k - n, k)) / ((1 - SLACK) * bound[j] * period**n)
-            for n, bound in kept
-        ]
-        found = _nearest(H, own / scale, csc_matrix(scale * vstack(rows)))
-        if found is None:
+        most = np.concatenate([np.full(k - n, (1 - SLACK) * bound[j] * period**n / scale) for n, bound in kept])
+        rows = ca.mtimes(ca.diag(ca.DM(1.0 / most)), A)
+        found = solver(h=H, g=-(B.T @ (own / scale)), a=rows, lba=-1.0, uba=1.0)
+        if not solver.stats()["success"]:
             words = " and ".join(f"{bound[j]:.4g} {('rad/s', 'rad/s^2')[n - 1]}" for n, bound in kept)
             raise SolverError(f"limits: no samples of motor {j + 1} keep {words} (motor side); increase them")
-        out[:, j] = scale * found
+        out[:, j] = scale * np.asarray(found["x"]).ravel()
     return out + r[0]
-
-
-def _nearest(H: csc_matrix, free: np.ndarray, A: csc_matrix) -> np.ndarray | None:
-    """The x with the least (x - free)' H (x - free) for which |A x| <= 1, from x = 0; None: not found."""
-    x, sides = np.zeros_like(free), np.array([[1.0], [-1.0]])
-    s, z = np.ones((2, A.shape[0])), np.ones((2, A.shape[0]))  # slacks and multipliers of both sides
-    floor = 1e-15 * free @ (H @ free)
-    for _ in range(STEPS):
-        gap = float(np.sum(s * z))
-        if gap <= GAP * (x - free) @ (H @ (x - free)) + floor:
-            return x
-        gradient = H @ (x - free) + A.T @ (z[0] - z[1])
-        factors = splu(csc_matrix(H + A.T @ A.multiply(np.sum(z / s, axis=0)[:, None])))
-        c = np.zeros_like(s)
-        for corrected in (False, True):
-            aim = c / s - z
-            dx = factors.solve(-gradient - A.T @ (aim[0] - aim[1]))
-            ds = -sides * (A @ dx)
-            dz = aim - z * ds / s
-            ratio = max(float(np.max(-ds / s)), float(np.max(-dz / z)))
-            step = min(1.0, 0.995 / max(ratio, 1e-9))
-            if not corrected:
-                c = (np.sum((s + step * ds) * (z + step * dz)) / gap) ** 3 * gap / s.size - ds * dz
-        x, s, z = x + step * dx, s + step * ds, z + step * dz
-    return None
