@@ -351,9 +351,12 @@ def test_array_function_and_file_are_the_same(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("t,fx,fy,fz\n0,1,2,3\n9,1,2,3\n", r"given the columns t, fx, fy, fz in .*, expected .*columns time_s, fx"),
-        ("time_s,fx,fy,fz\n0,1,2,3\n0,1,2,3\n", "given 2 rows in .*, expected two or more of 4 finite numbers, time_s"),
+        ("t,fx,fy,fz\n0,1,2,3\n9,1,2,3\n", r"given the columns t, fx, fy, fz in .*, expected the columns time_s, fx"),
+        ("time_s,fx,fy,fz\n0,1,2,3\n0,1,2,3\n", "given 0, 1, 2, 3 in row 2 of .*, expected finite numbers, time_s"),
         ("time_s,fx,fy,fz\n0,1,2,x\n", "cannot be read"),
+        ("time_s,fx,fy,fz\n0,1,2,3\n1,1,2,nan\n", "given 1, 1, 2, nan in row 2 of .*, expected finite numbers"),
+        ("time_s,fx,fy,fz\n0,1,2,3\n", "given 1 rows in .*, expected two or more of 4 numbers"),
+        ("time_s,fx,fy,fz\n0,1,2,3\n1,2,3,4,5\n", "columns changed from 4 to 5 at row 2.*, expected names in line 1"),
         ("time_s,fx,fy,fz\n0,1,2,3\n0.1,1,2,3\n", "given from 0 to 0.1 s, expected at least from 0 to 0.5 s"),
     ],
 )
