@@ -143,17 +143,19 @@ class InversionProblem:
 
     @cached_property
     def too_rough(self) -> tuple[str, ...]:
-        """Warnings where the path is not smooth enough for a continuous torque, with the estimated error."""
-        report = self.smoothness
+        """Warnings where a path is too rough for a continuous torque, with the error, or its samples not at rest."""
+        report, name = self.smoothness, self.path.move.name
+        ends = [line for segment in self.path.segments for line in getattr(segment.curve, "in_motion", ())]
+        moving = tuple(f"move {name}: {line}" for line in ends)
         if report.sufficient:
-            return ()
-        name, lines = self.path.move.name, report.lines()
+            return moving
+        lines = report.lines()
         head = (
             f"move {name}: smoothness {report.smoothness} makes the torque jump; "
             f"a continuous torque needs {report.required} (structural index less one)"
         )
         more = [f"and {len(lines) - ROUGH} more"] if len(lines) > ROUGH else []
-        return (head, *(f"move {name}: {line}" for line in [*lines[:ROUGH], *more]))
+        return (*moving, head, *(f"move {name}: {line}" for line in [*lines[:ROUGH], *more]))
 
     @cached_property
     def equilibrium(self) -> Equilibrium:

@@ -20,6 +20,7 @@ from flexgen.paths.jets import (
 )
 from flexgen.paths.sample_files import Samples
 
+MANY, FAST = 20, 0.3  # from so many samples on, speed of the first or last interval over the largest: not from rest
 MIN_SPEED = 1e-3  # of the mean |dp/du|; below it arc length cannot be the parameter
 
 
@@ -49,6 +50,7 @@ class SplineCurve:
         if self.timed:
             at_rest = [(k, np.zeros(both.shape[1])) for k in range(1, (degree - 1) // 2 + 1)]
             ends = (at_rest, at_rest)
+        self.in_motion = _in_motion(knots, values) if self.timed and len(values) >= MANY else ()
         spline = make_interp_spline(knots, both, k=degree, bc_type=ends)
         self._splines = [spline.derivative(k) if k else spline for k in range(JET)]
         self._moves = bool(np.ptp(values, axis=0).max() > 0)
@@ -111,3 +113,14 @@ class SplineCurve:
         if self.fixed is None:
             return x, None
         return x, (np.broadcast_to(self.fixed, (len(s), 3, 3)), np.zeros((len(s), 3, s.shape[1] - 1)))
+
+
+def _in_motion(knots: np.ndarray, values: np.ndarray) -> tuple[str, ...]:
+    """A sentence for each end at which the samples, unlike the path, are not at rest."""
+    speeds = np.linalg.norm(np.diff(values, axis=0), axis=1) / np.diff(knots)
+    return tuple(
+        f"its samples {word} at {100 * speed / speeds.max():.2g} % of their largest speed, the path at rest: add "
+        f"samples {more} rest"
+        for speed, word, more in ((speeds[0], "begin", "from"), (speeds[-1], "end", "until"))
+        if speed > FAST * speeds.max() > 0.0
+    )

@@ -10,6 +10,7 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.inversion.problem import InversionProblem
 from flexgen.model.moves import Move, MoveL, Program
 from flexgen.paths.path import Path
 from flexgen.paths.smoothness import SmoothnessReport, smoothness_report
@@ -121,6 +122,28 @@ def test_rounded_corners_are_smooth_and_splines_jump_at_their_knots(arm, tmp_pat
     report = smoothness_report(arm, spline)
     assert spline.smoothness == 4 and report.sufficient and report.jumps
     assert all(jump.order == 5 and 0 < jump.time < 0.5 for jump in report.jumps)
+
+
+def test_samples_that_begin_or_end_in_motion_are_a_warning(arm, tmp_path: FilePath) -> None:
+    """A part of a recorded motion; the speed at 0.355 of it is (0.355 0.645 / 0.25)^3 of the largest."""
+    t = np.linspace(0.0, 0.5, 101)
+    s = t / 0.5
+    p = arm.model.move("line").displacement
+    start = Path(arm, Move("corner", "tool_line", (0.3, -1.1), 0.5, 5, p)).reference.tool_pose((0.3, -1.1))[0]
+    rows = np.column_stack([t, start + np.outer(s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3), p)])
+    found = []
+    for part in (slice(0, 101), slice(35, 101), slice(0, 66)):
+        file = tmp_path / f"part{part.start}_{part.stop}.csv"
+        np.savetxt(file, rows[part], delimiter=",", header="t,x,y,z", comments="")
+        move = Move("part", "sampled", (0.3, -1.1), 0.0, 0, file=str(file))
+        found.append(InversionProblem(arm, Path(arm, move)).too_rough)
+    assert found[0] == ()
+    assert found[1] == (
+        "move part: its samples begin at 77 % of their largest speed, the path at rest: add samples from rest",
+    )
+    assert found[2] == (
+        "move part: its samples end at 77 % of their largest speed, the path at rest: add samples until rest",
+    )
 
 
 def test_turns_of_the_tool_jump_too() -> None:
