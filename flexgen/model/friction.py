@@ -89,11 +89,16 @@ def refuse_hysteresis(model: Any, what: str) -> None:
 
 def harmonic_sums(model: Any) -> dict[str, Any]:
     """All Fourier sums of motor angles in a `RobotModel`, by what has them, such as "motor m1 has cogging"."""
-    gears = {c.name: None if c.dof is None else c.dof.gear for c in model.coordinates}
-    found = {f"gear of {k} has transmission_error": gear and gear.transmission_error for k, gear in gears.items()}
+    found: dict[str, Any] = {}
+    for coordinate in model.coordinates:
+        gear = None if coordinate.dof is None else coordinate.dof.gear
+        if gear is not None and gear.transmission_error is not None:
+            found[f"gear of {coordinate.name} has transmission_error"] = gear.transmission_error
     for motor in model.motors:
-        found |= {f"motor {motor.name} has {key}": getattr(motor, key) for key in ("cogging", "torque_ripple")}
-    return {what: one for what, one in found.items() if one is not None}
+        for key in ("cogging", "torque_ripple"):
+            if getattr(motor, key) is not None:
+                found[f"motor {motor.name} has {key}"] = getattr(motor, key)
+    return found
 
 
 def has_harmonics(model: Any) -> str:

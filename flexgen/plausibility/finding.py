@@ -111,7 +111,8 @@ class Check(Result):
     @property
     def problem(self) -> str:
         """The number of errors and the worst one; empty without errors."""
-        return f"{len(self.errors)} error{'s'[: len(self.errors) - 1]}, the worst: {self.worst}" if self.errors else ""
+        words = "1 error:" if len(self.errors) == 1 else f"{len(self.errors)} errors, the worst:"
+        return f"{words} {self.worst}" if self.errors else ""
 
     def _select(self, mark: str) -> tuple[Finding, ...]:
         found = [finding for finding in self.findings if finding.mark == mark]

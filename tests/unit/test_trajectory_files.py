@@ -18,6 +18,7 @@ from flexgen import npz_files, trajectory_files
 from flexgen.errors import ArgumentError, ChannelError, ModelError
 from flexgen.identification.recordings import description
 from flexgen.model.reader import read
+from flexgen.numerics.records import read_named
 from flexgen.paths import sample_files
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -50,7 +51,7 @@ SIZES = {  # bytes at most, and what is said of a file of zeros
     ),
     "recording": (
         2 * 10**9,
-        description._arrays,
+        lambda path: read_named(path, description.SIZE_MAX),
         "given what is no .npz file",
         "2000000001 bytes, expected at most 2000",
     ),
