@@ -29,9 +29,12 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
         force = [f["contact_max_N"]] if touched else []
         rows.append([r.name, *lengths, f["torque_max_Nm"], *force, r.saturated, r.failure])
     errors = (f"{what}, m{u}" for u in units for what in ("error", "dynamic", "at the end"))
+    margins = run.margins() if margins is None else margins
+    unstable = ", ".join(pose for pose, m in (margins or {}).items() if not m.stable)
     lines = [
         f"{run.model.name}, move {run.solution.move.name}: {run.status}, controller {run.controller}, sample time "
         f"{number(1e3 * run.hardware.sample_s)} ms, delay {number(1e3 * run.delay_s)} ms",
+        *([f"the loop is unstable ({unstable}): errors grow, also after this run"] if unstable else []),
         *run.force_lines(),
         "",
         table(rows, ("robot", *errors, "torque, N m", *["wall, N"] * touched, "samples at the limit", "failure")),
@@ -39,7 +42,6 @@ def text_of_control(run: ControlRun, margins: Mapping[str, Margins] | None = Non
     ]
     if any(not r.failure for r in run.runs):
         lines += ["", accuracy_text(run.accuracy())]
-    margins = run.margins() if margins is None else margins
     if margins:
         head = ("pose", "stable", "gain margin", "delay margin, ms")
         lines += ["", table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head)]

@@ -31,6 +31,16 @@ def test_control_prints_a_table_and_writes_what_is_asked(tmp_path, capsys):
     assert (tmp_path / "run.csv").exists() and (tmp_path / "page" / "index.html").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_an_unstable_loop_is_named_where_its_run_ends_before_the_robot_falls(capsys):
+    """At a sample time of 50 ms the errors of half a second look small."""
+    words = "the loop is unstable (begin, middle, end): errors grow"
+    for sample_time, named in ((0.05, True), (5e-4, False)):
+        assert main(["control", "planar5_nmp", "--sample-time", str(sample_time), "-q"]) == 0
+        text = capsys.readouterr().out
+        assert "move line: done" in text and (words in text) == named
+
+
 def test_control_in_json(capsys):
     assert main(["control", "planar5_nmp", "--json", "-q", "--controller", "none"]) == 0
     data = json.loads(capsys.readouterr().out)
