@@ -146,7 +146,7 @@ class _Estimate:
         a_m = np.gradient(v_m, h, axis=0)
         self.names = ("payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
         self.equations: Equations = derive(robot, self.names)
-        friction = evaluate(self.equations.function("motor_friction"), np.gradient(q_m, h, axis=0))[0]
+        friction = evaluate(self.equations.function("motor_friction"), v_m)[0]  # of noise it would have a mean
         inertia = np.array([m.inertia for m in robot.motors])
         needed = self._smooth(record["tau_m"] - friction.reshape(q_m.shape)) - inertia * a_m
         tau_g = needed @ robot.eta
