@@ -38,7 +38,7 @@ OF_MOTION, HIGHEST = 3.0, 0.4  # low pass of the motion: times that of the torqu
 STEPS, CLOSE = 20, 1e-9
 NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
 DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
-ENDS = 0.5  # s at both ends of a record that the low pass spoils
+ENDS, LEAST = 0.5, 0.05  # s at both ends of a record that the low pass spoils, and between them
 FEWEST = 200  # samples
 FARTHEST = 3.0  # m, center of mass
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
@@ -132,6 +132,11 @@ class _Estimate:
         h = float(step.mean())
         if len(time) < FEWEST or np.abs(step - h).max() > 1e-6 * h:
             raise ArgumentError(f"record: given {len(time)} samples, expected at least {FEWEST}, equidistant")
+        if h * len(time) < 2 * ENDS + LEAST:
+            raise ArgumentError(
+                f"record: given {h * len(time):.3g} s, expected at least {2 * ENDS + LEAST:g} s: the low pass spoils "
+                f"{ENDS:g} s at both ends; begin before the motion and end after it"
+            )
         for name in ("q_m", "tau_m"):
             if record[name].shape[1] != robot.n_m:
                 raise ArgumentError(f"record: given {record[name].shape[1]} columns of {name}, expected {robot.n_m}")

@@ -87,6 +87,10 @@ def test_records_that_do_not_determine_a_load_are_refused() -> None:
     ports, labels = given.ports, given.labels
     with pytest.raises(ArgumentError, match=r"record: given 199 samples, expected at least 200, equidistant"):
         identify_load("elbow", Trajectory(given.time[:199], short, ports, labels))
+    with pytest.raises(
+        ArgumentError, match=r"record: given 1 s, expected at least 1\.05 s: the low pass spoils 0\.5 s"
+    ):
+        identify_load("elbow", replace(given, time=2.5e-3 * np.arange(400)))
     uneven = given.time + 1e-3 * (np.arange(400) > 100)
     with pytest.raises(ArgumentError, match=r"record: given 400 samples"):
         identify_load("elbow", Trajectory(uneven, dict(given.channels), ports, labels))
