@@ -254,6 +254,8 @@ class _Estimate:
             )
         mass = x[0] - start[0]
         com = (x[0] * x[1:4] - start[0] * start[1:]) / mass if abs(mass) > 1e-9 else np.full(3, np.nan)
-        share = x[0] / abs(mass) if abs(mass) > 1e-9 else np.nan
+        share = x[0] / mass if abs(mass) > 1e-9 else np.nan
+        slopes = np.column_stack([(x[1:4] - com) / (mass or np.nan), share * np.eye(3)])  # of com in x
+        com_sd = np.sqrt(np.diag(slopes @ covariance[:4, :4] @ slopes.T))
         left = np.sqrt((r**2).mean(axis=0)) * scale
-        return Load(float(mass), float(sd[0]), com, share * sd[1:4], float(x[0]), x[1:4], left, float(x[4]))
+        return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), x[1:4], left, float(x[4]))
