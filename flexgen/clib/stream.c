@@ -438,46 +438,6 @@ int64_t model_stream_work(const model_stream_options *options)
                -1;
 }
 
-/* The whole horizon and the past are at the equilibrium q with the output at its target. */
-static void set_equilibrium(real *s, const layout *l, const real *target, const real *q)
-{
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
-    real *equilibrium = s + l->last;
-    copy(target, NT, equilibrium);
-    for (int i = NT; i < REFERENCE; ++i) {
-        equilibrium[i] = 0.0;
-    }
-#if MODEL_FORCE
-    copy(FORCE_OF(s + l->space), FORCES, equilibrium + NT + 2 * NY);
-#endif /* MODEL_FORCE */
-    for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
-        copy(equilibrium, REFERENCE, s + l->reference + k * REFERENCE);
-    }
-    for (ptrdiff_t k = 0; k <= l->past + N; ++k) {
-        copy(equilibrium, REFERENCE, s + l->nodes + k * REFERENCE);
-    }
-    for (ptrdiff_t k = 0; k <= N * STAGES; ++k) {
-        for (int i = 0; i < NG; ++i) {
-            s[l->q_g + k * NG + i] = q[i_g[i]];
-        }
-    }
-#if MODEL_NE > 0
-    for (ptrdiff_t k = 0; k <= l->past + N; ++k) {
-        for (int i = 0; i < NE; ++i) {
-            s[l->y + k * STATES + i] = q[i_e[i]];
-            s[l->y + k * STATES + NE + i] = 0.0;
-        }
-    }
-    for (ptrdiff_t k = 0; k < (l->past + N) * CONTROLS; ++k) {
-        s[l->a + k] = 0.0;
-    }
-    copy(s + l->y, (N + 1) * STATES, s + l->target_state);
-    for (int k = 0; k < LEVELS * LAST; ++k) {
-        copy(s + l->y, NE, s + l->levels + k * NE);
-    }
-#endif
-}
-
 /* Deflections of the gears at the equilibrium q. */
 #if MODEL_FORCE
 static int deflection_at_equilibrium(const real *target, const real *q, real *deflection, real *space)
@@ -512,6 +472,78 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     }
 #endif /* MODEL_FORCE */
     return static_deflections(tau, 1, zero, deflection, stiffness, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+}
+
+/* The whole horizon and the past are at the equilibrium with the output at its target; q: a guess, and it. */
+static int set_equilibrium(real *s, const layout *l, const real *target, real *q)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    real *equilibrium = s + l->last;
+    int status = equilibrium_at(target, q, s + l->scale, s + l->space);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    s[BASE] = 0.0;
+    s[STALE] = 1.0;
+    s[l->expected] = 0.0;
+    copy(target, NT, equilibrium);
+    for (int i = NT; i < REFERENCE; ++i) {
+        equilibrium[i] = 0.0;
+    }
+#if MODEL_FORCE
+    copy(FORCE_OF(s + l->space), FORCES, equilibrium + NT + 2 * NY);
+#endif /* MODEL_FORCE */
+    for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
+        copy(equilibrium, REFERENCE, s + l->reference + k * REFERENCE);
+    }
+    for (ptrdiff_t k = 0; k <= l->past + N; ++k) {
+        copy(equilibrium, REFERENCE, s + l->nodes + k * REFERENCE);
+    }
+    for (ptrdiff_t k = 0; k <= N * STAGES; ++k) {
+        for (int i = 0; i < NG; ++i) {
+            s[l->q_g + k * NG + i] = q[i_g[i]];
+        }
+    }
+#if MODEL_NE > 0
+    for (ptrdiff_t k = 0; k <= l->past + N; ++k) {
+        for (int i = 0; i < NE; ++i) {
+            s[l->y + k * STATES + i] = q[i_e[i]];
+            s[l->y + k * STATES + NE + i] = 0.0;
+        }
+    }
+    for (ptrdiff_t k = 0; k < (l->past + N) * CONTROLS; ++k) {
+        s[l->a + k] = 0.0;
+    }
+    copy(s + l->y, (N + 1) * STATES, s + l->target_state);
+    for (int k = 0; k < LEVELS * LAST; ++k) {
+        copy(s + l->y, NE, s + l->levels + k * NE);
+    }
+    {
+        mesh hold = mesh_of(l, s);
+        int is_exact = 0;
+        status = lq_stationary_cost(&hold, hold.N, SETTLING_SWEEPS, initial_weight, 0.0,
+            (lq_space *)(void *)(s + l->lq), s + l->space, s + l->cost, &is_exact);
+        for (ptrdiff_t k = 1; k < hold.N; ++k) { /* all intervals are like the first one */
+            copy(hold.factor, CONTROLS * WIDTH, hold.factor + k * CONTROLS * WIDTH);
+        }
+    }
+#endif
+    if (status != MODEL_OK) {
+        return status;
+    }
+#if MODEL_FORCE
+    status = deflection_at_equilibrium(target, q, s + l->now, s + l->space);
+#else  /* MODEL_FORCE */
+    status = deflection_at_equilibrium(q, s + l->now, s + l->space);
+#endif /* MODEL_FORCE */
+#if MODEL_HYSTERESIS
+    if (status == MODEL_OK) {
+        branches b;
+        status = begin_branches(&b, s[PERIOD], s + l->now, s + l->space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+        keep_branches(&b, s + l->now);
+    }
+#endif /* MODEL_HYSTERESIS */
+    return status;
 }
 
 COLD model_status model_stream_start(const model_stream *given, const model_stream_options *options,
@@ -571,8 +603,6 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     stream[TOLERANCE] = options->tolerance;
     stream[HOLD] = (real)options->hold;
     stream[DELAY] = options->delay;
-    stream[BASE] = 0.0;
-    stream[STALE] = 1.0;
     stream[PART] = (real)NO_UPDATE;
     stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
@@ -585,43 +615,12 @@ COLD model_status model_stream_start(const model_stream *given, const model_stre
     for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
-    stream[l.expected] = 0.0;
-    status = equilibrium_at(y, q, stream + l.scale, space);
-    if (status != MODEL_OK) {
-        return (model_status)status;
-    }
-    set_equilibrium(stream, &l, y, q);
-#if MODEL_NE > 0
-    {
-        mesh hold = mesh_of(&l, stream);
-        int is_exact = 0;
-        status = lq_stationary_cost(&hold, hold.N, SETTLING_SWEEPS, initial_weight, 0.0,
-            (lq_space *)(void *)(stream + l.lq), space, stream + l.cost, &is_exact);
-        if (status != MODEL_OK) {
-            return (model_status)status;
-        }
-        for (ptrdiff_t k = 1; k < hold.N; ++k) { /* all intervals are like the first one */
-            copy(hold.factor, CONTROLS * WIDTH, hold.factor + k * CONTROLS * WIDTH);
-        }
-    }
-#endif
-#if MODEL_FORCE
-    status = deflection_at_equilibrium(y, q, stream + l.now, space);
-#else  /* MODEL_FORCE */
-    status = deflection_at_equilibrium(q, stream + l.now, space);
-#endif /* MODEL_FORCE */
+    status = set_equilibrium(stream, &l, y, q);
 #if MODEL_LUGRE
     for (int i = 0; i < BRISTLES + PAST_IMPULSES; ++i) {
         stream[l.bristles + i] = 0.0;
     }
 #endif /* MODEL_LUGRE */
-#if MODEL_HYSTERESIS
-    if (status == MODEL_OK) {
-        branches b;
-        status = begin_branches(&b, options->period, stream + l.now, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
-        keep_branches(&b, stream + l.now);
-    }
-#endif /* MODEL_HYSTERESIS */
     if (status == MODEL_OK) {
         stream[STATE] = IS_RUNNING;
     }
@@ -635,6 +634,50 @@ static int has_begun(const real *stream)
 }
 
 #if MODEL_PARAMETERS > 0
+/* Whether path, force and arm rest in the past and in the whole horizon. */
+static int rests(const real *s, const layout *l)
+{
+    const ptrdiff_t last = l->past + (ptrdiff_t)s[INTERVALS];
+    for (ptrdiff_t k = 0; k <= last; ++k) {
+        const real *node = s + l->nodes + k * REFERENCE, *end = s + l->nodes + last * REFERENCE;
+        for (int i = 0; i < REFERENCE; ++i) {
+            const int rate = (i >= NT && i < NT + 2 * NY) || i >= NT + 3 * NY;
+            if (!(fabs_1(node[i] - (rate ? 0.0 : end[i])) <=
+                    (rate ? negligible_motion / s[PERIOD] : negligible_motion))) {
+                return 0;
+            }
+        }
+#if MODEL_NE > 0
+        for (int i = 0; i < NE; ++i) {
+            const real *y = s + l->y + k * STATES, *still = s + l->y + last * STATES;
+            if (!(fabs_1(y[i] - still[i]) <= negligible_motion && fabs_1(y[NE + i]) * s[PERIOD] <= negligible_motion)) {
+                return 0;
+            }
+        }
+#endif
+    }
+    return 1;
+}
+
+/* The stream, which rests, in the equilibrium with its parameters. */
+static int rest_again(real *s, const layout *l)
+{
+    real target[NT], q[NA], *space = s + l->space;
+    int status;
+#if MODEL_FORCE
+    real next[FORCES];
+    copy(FORCE_OF(space), FORCES, next);
+    copy(s + l->last + NT + 2 * NY, FORCES, FORCE_OF(space));
+#endif /* MODEL_FORCE */
+    copy(s + l->last, NT, target);
+    joints_at_start(s, l, q);
+    status = set_equilibrium(s, l, target, q);
+#if MODEL_FORCE
+    copy(next, FORCES, FORCE_OF(space));
+#endif /* MODEL_FORCE */
+    return status;
+}
+
 COLD model_status model_stream_parameters(const model_stream *given, const real parameters[MODEL_PARAMETERS])
 {
     real *stream = memory_of(given);
@@ -654,6 +697,13 @@ COLD model_status model_stream_parameters(const model_stream *given, const real 
     l = layout_of(stream);
     stream[STALE] = 1.0;
     keep_parameters(parameters, stream + l.space);
+    if (rests(stream, &l)) {
+        const int status = rest_again(stream, &l);
+        if (status != MODEL_OK) {
+            stream[STATE] = HAS_FAILED;
+            return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : (model_status)status;
+        }
+    }
 #if MODEL_HARMONICS
     if (stream[l.limits] > 0.0) {
         const limits_layout w = limits_laid_out((ptrdiff_t)stream[INTERVALS]);

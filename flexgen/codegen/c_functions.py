@@ -283,9 +283,10 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "stream_parameters",
         "stream.c",
         "Change the run-time parameters of a stream, such as the payload; from the next update on they hold.",
-        "Change them at rest. The results then go from the old equilibrium to the new one: the motor torques and the "
-        "deflections of the gears change at once, unactuated coordinates continue from their present state, and "
-        "updates may return TOLERANCE_NOT_MET until the motion has settled. During a motion the torques have a step. "
+        "Where the path rests in the whole horizon and the arm rests, the stream is in the new equilibrium at once, as "
+        "one that is started with these parameters; z of hysteresis is zero there. Elsewhere the deflections of the "
+        "gears change at once, and updates return TOLERANCE_NOT_MET until the motion has settled: their torques would "
+        "move the motors so fast, do not send them. "
         "The horizon, its recommended length and the scale of the residual stay those of stream_start: where the new "
         "parameters make the unstable zeros much slower, start a new stream.",
         (

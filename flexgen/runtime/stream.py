@@ -377,9 +377,9 @@ class Stream:
     def set_parameters(self, parameters: Any) -> None:
         """Change the run-time parameters, such as the payload; they hold from the next update on.
 
-        Change them at rest: the deflections of the gears go to the new equilibrium at once, and updates are not
-        ``converged`` until the motion has settled; their torques would move the motors so fast, do not send them. At
-        rest a new stream begins in the new equilibrium.
+        Where the path rests in the whole horizon and the arm rests, the stream is in the new equilibrium at once, as a
+        new one. Elsewhere the deflections of the gears change at once, and updates are not ``converged`` until the
+        motion has settled; their torques would move the motors so fast, do not send them.
 
         Parameters
         ----------
