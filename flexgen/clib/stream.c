@@ -662,10 +662,10 @@ static int rests(const real *s, const layout *l)
 /* The stream, which rests, in the equilibrium with its parameters. */
 static int rest_again(real *s, const layout *l)
 {
-    real target[NT], q[NA], *space = s + l->space;
+    real target[NT], q[NA];
     int status;
 #if MODEL_FORCE
-    real next[FORCES];
+    real next[FORCES], *space = s + l->space;
     copy(FORCE_OF(space), FORCES, next);
     copy(s + l->last + NT + 2 * NY, FORCES, FORCE_OF(space));
 #endif /* MODEL_FORCE */

@@ -653,11 +653,31 @@ int64_t elbow_stream_work(const elbow_stream_options *options)
                -1;
 }
 
-/* The whole horizon and the past are at the equilibrium q with the output at its target. */
-static void set_equilibrium(real *s, const layout *l, const real *target, const real *q)
+/* Deflections of the gears at the equilibrium q. */
+static int deflection_at_equilibrium(const real *q, real *deflection, real *space)
+{
+    static const real zero[NA] = {0.0};
+    real tau[NG], stiffness[NG];
+    int status;
+    status = inner_status(evaluate_inversion_rows(q, zero, zero, tau, space));
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    return static_deflections(tau, 1, zero, deflection, stiffness, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+}
+
+/* The whole horizon and the past are at the equilibrium with the output at its target; q: a guess, and it. */
+static int set_equilibrium(real *s, const layout *l, const real *target, real *q)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     real *equilibrium = s + l->last;
+    int status = equilibrium_at(target, q, s + l->scale, s + l->space);
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    s[BASE] = 0.0;
+    s[STALE] = 1.0;
+    s[l->expected] = 0.0;
     copy(target, NT, equilibrium);
     for (int i = NT; i < REFERENCE; ++i) {
         equilibrium[i] = 0.0;
@@ -673,19 +693,11 @@ static void set_equilibrium(real *s, const layout *l, const real *target, const 
             s[l->q_g + k * NG + i] = q[i_g[i]];
         }
     }
-}
-
-/* Deflections of the gears at the equilibrium q. */
-static int deflection_at_equilibrium(const real *q, real *deflection, real *space)
-{
-    static const real zero[NA] = {0.0};
-    real tau[NG], stiffness[NG];
-    int status;
-    status = inner_status(evaluate_inversion_rows(q, zero, zero, tau, space));
     if (status != ELBOW_OK) {
         return status;
     }
-    return static_deflections(tau, 1, zero, deflection, stiffness, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+    status = deflection_at_equilibrium(q, s + l->now, s + l->space);
+    return status;
 }
 
 COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stream_options *options,
@@ -720,21 +732,13 @@ COLD elbow_status elbow_stream_start(const elbow_stream *given, const elbow_stre
     stream[TOLERANCE] = options->tolerance;
     stream[HOLD] = (real)options->hold;
     stream[DELAY] = options->delay;
-    stream[BASE] = 0.0;
-    stream[STALE] = 1.0;
     stream[PART] = (real)NO_UPDATE;
     stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
     for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
-    stream[l.expected] = 0.0;
-    status = equilibrium_at(y, q, stream + l.scale, space);
-    if (status != ELBOW_OK) {
-        return (elbow_status)status;
-    }
-    set_equilibrium(stream, &l, y, q);
-    status = deflection_at_equilibrium(q, stream + l.now, space);
+    status = set_equilibrium(stream, &l, y, q);
     if (status == ELBOW_OK) {
         stream[STATE] = IS_RUNNING;
     }
