@@ -125,7 +125,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     folder = Path(os.environ["FLEXGEN_CACHE"])
     before = folder.name == "unoptimized"
     path, case = item.path.relative_to(ROOT / "tests").as_posix(), getattr(item, "callspec", None)
-    if unoptimized(path, getattr(item, "originalname", ""), "" if case is None else case.id) == before:
+    quick = all(item.get_closest_marker(mark) is None for mark in ("slow", "full", "robots"))
+    if unoptimized(path, getattr(item, "originalname", ""), "" if case is None else case.id, quick) == before:
         return
     if before:
         del os.environ["CC"]

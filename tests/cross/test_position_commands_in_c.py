@@ -126,6 +126,7 @@ def test_the_servo_of_textbooks_sends_the_torques(robot: Any, find: Callable[...
     np.testing.assert_allclose(found.command_g @ model.eta.T, found.command_m, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANTED)
 def test_planted_errors_are_found(robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     texts, (old, new) = clib_files.read_clib(), PLANTED[name]
@@ -219,6 +220,7 @@ def test_mujoco_with_filters_of_the_torque_follows_the_path(filtering: Any, find
     assert error_in_mujoco(model, found) > 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANTED_IN_FILTERS)
 def test_planted_errors_of_filters_are_found(
     filtering: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str

@@ -214,6 +214,7 @@ def test_the_plant_rests_at_the_start_values():
     assert np.abs(x - x[0]).max() < 1e-10  # rad and rad/s, in 20 ms: rounding of the start values
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_of_the_gear_torque_is_found(monkeypatch, tmp_path):
     """The deflection of the gears is turned around in the exported mathematics: the law must fail."""
     exact = plant_module.mathematics_of

@@ -100,6 +100,7 @@ def test_the_margin_of_a_mass_is_the_bound_of_colgate_and_schenkel(
     assert found.passive is (known > 0) and (found.fails_hz is None) is (known > 0)
 
 
+@pytest.mark.slow
 def test_a_delay_that_the_check_forgets_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = LoopAtPose.__init__
     monkeypatch.setattr(LoopAtPose, "__init__", lambda self, m, c, h, delay: real(self, m, c, h, 0.0))

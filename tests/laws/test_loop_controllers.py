@@ -178,6 +178,7 @@ def test_a_plug_in_that_does_not_return_ends_the_run(tmp_path, monkeypatch):
     assert np.isfinite(good.run(moving(at_rest, 2, 20, 0.1), 20).tau_m).all()
 
 
+@pytest.mark.slow
 def test_an_interrupted_plug_in_has_its_arrays_and_stops(tmp_path, monkeypatch):
     """Ctrl-C in a step of 2 s: the arrays are not freed before the thread has ended, which it does after the step."""
     source, made = tmp_path / "slow.c", tmp_path / "slow.so"

@@ -104,6 +104,7 @@ def test_a_mesh_that_is_given_is_kept(robot):
     assert not flexgen.solve(robot, "csv", mesh=1e-2, progress=False).details["converged"]
 
 
+@pytest.mark.slow
 def test_motions_without_inertia_are_as_accurate(monkeypatch):
     """The zero of abb_arm at -2048 1/s: nothing damps what an interval leaves.
 

@@ -63,6 +63,7 @@ def test_a_transient_that_is_too_slow_to_be_removed_is_stated() -> None:
             ] * (found)
 
 
+@pytest.mark.slow
 def test_a_removal_with_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     experiment, truth = unsettled(DriveHardware(5e-4))
     real = spectra.without_transients

@@ -41,11 +41,10 @@ ANY_MODEL = (
     "unit/test_structure.py",
     "unit/test_zero_path.py",
 )
-# Files, and tests of other files, that compile much C and run it for a short time: without optimization its bits are
-# the same, and these tests take half the time. The others compile as users do.
+# Slow tests, by file or function, that compile much C and run it for a short time: without optimization its bits are
+# the same, and these tests take half the time, as do the quick ones. The others compile as users do.
 UNOPTIMIZED = (
     "client/test_amalgamation.py",
-    "client/test_batch_strided.py",
     "client/test_docs.py",
     "client/test_extensions.py",
     "client/test_fmu_import.py",
@@ -53,7 +52,6 @@ UNOPTIMIZED = (
     "client/test_inverse_kinematics.py",
     "client/test_invert_limited.py",
     "client/test_lab_evening.py",
-    "client/test_motion_control_faults.py",
     "client/test_path_sampler.py",
     "client/test_product.py",
     "client/test_stream_constants.py",
@@ -103,23 +101,22 @@ UNOPTIMIZED = (
     "unit/test_generate.py",
     "unit/test_held_torques.py",
     "unit/test_inversion_parameters.py",
-    "unit/test_inverter.py",
-    "unit/test_limit_use.py",
     "unit/test_limits_stream.py",
     "unit/test_many_inversion.py",
-    "unit/test_numbers_observers.py",
     "unit/test_parameters.py",
-    "unit/test_runtime.py",
-    "unit/test_simulation.py",
     "unit/test_solve_stages.py",
 )
-# Their cases that run C for a long time.
+# Quick tests of optimized code, and cases that run C for a long time.
+OPTIMIZED = ("client/test_instruction_sets.py", "laws/test_benchmarks.py")
 OPTIMIZED_CASES = {
     "client/test_docs.py": {"docs/control.md", "flexgen/benchmarks/README.md"},
     "unit/test_docstring_examples.py": {"tune", "TuningResult", "score", "Score", "identify_servo"},
 }
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
+    "unit/test_numbers_amplitude.py": {"Coulomb", "cubic"},
+    "unit/test_limits_stream.py": {"load", "sums", "lugre"},
+    "unit/test_codegen.py": {"parts1", "parts2", "parts3"},
     "client/test_docs.py": {
         "docs/calibration.md",
         "README.md",
@@ -224,6 +221,8 @@ SLOW_CASES = {
     "laws/test_amplitude.py": {"nothing", "Coulomb friction"},
     "laws/test_hysteresis_elements.py": {"3.7--0.4", "1.5-0.0", "elements0-9000.0", "one element"},
     "laws/test_causes.py": {
+        "mass of arm3 150 % larger",
+        "rotor inertia of m1 10 % smaller",
         "sample time 1 % longer than stated",
         "all masses 5 % larger",
         "angle of m2 5 % too large in the record",
@@ -271,6 +270,7 @@ SLOW_CASES = {
     "laws/test_paths_smoothness.py": {"lq-3", "bvp-2", "bvp-3"},
     "laws/test_program_time.py": {"gears", "reserve"},
     "laws/test_recursion_planted.py": {
+        "wrong_sign_of_a_frames_angle-inverse_dynamics",
         "bias",
         "forward_dynamics",
         "inverse_dynamics_derivatives",
@@ -391,8 +391,8 @@ SLOW_CASES = {
         "100000.0-60.0-0.0",
     },
     "unit/test_solve_attempts.py": {"discretized", "kunkel-mehrmann", "bdf", "full", "bvp"},
-    "laws/test_stream_parts.py": {"planar5_nmp-spline"},
-    "laws/test_lugre.py": {"static", "damping", "60.0", "1.0", "sign", "no reversal"},
+    "laws/test_stream_parts.py": {"elbow-spline", "planar5_nmp-spline"},
+    "laws/test_lugre.py": {"forgotten", "static", "damping", "60.0", "1.0", "sign", "no reversal"},
     "unit/test_fmu_export.py": {"config-", "warnings-", "plant-", "controller-"},
     "unit/test_generate.py": {"empty", "swapped"},
     "laws/test_damped_gears.py": {"four_bounds-auto", "fast-auto"},
@@ -412,7 +412,7 @@ SLOW_CASES = {
         "Linear",
         "TomeiPD",
     },
-    "cross/test_force_in_control.py": {"ppi"},
+    "cross/test_force_in_control.py": {"lqg", "ppi"},
     "laws/test_stream.py": {"planar5_nmp-10-zoh-0.0-1e-08-0.0003925", "planar5_nmp-5-zoh-1.4-1e-08-0.002983"},
     "cross/test_calibration.py": {
         "exchanged trackers flange and elbow",
@@ -839,10 +839,10 @@ def full(path: str, words: str) -> bool:
     return not {words, *re.split(r"[-@]", words)}.isdisjoint(FULL_CASES.get(path, ()))
 
 
-def unoptimized(path: str, name: str, words: str) -> bool:
+def unoptimized(path: str, name: str, words: str, quick: bool) -> bool:
     """Whether a test compiles without optimization; ``name``: of its function."""
-    listed = path in UNOPTIMIZED or f"{path}::{name}" in UNOPTIMIZED
-    return listed and words not in OPTIMIZED_CASES.get(path, ())
+    listed = quick or path in UNOPTIMIZED or f"{path}::{name}" in UNOPTIMIZED
+    return listed and path not in OPTIMIZED and words not in OPTIMIZED_CASES.get(path, ())
 
 
 def slow(path: str, words: str) -> bool:

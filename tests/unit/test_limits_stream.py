@@ -322,6 +322,7 @@ def test_a_stream_keeps_the_torque_speed_curves_of_motors() -> None:
     assert max(np.abs(x.v_m[:, 0]).max() for x in bounded(model, torque_speed=end)) < 150.0 * (1.0 + KEPT_IN_STREAMS)
 
 
+@pytest.mark.slow
 def test_a_limit_of_gears_does_not_follow_from_a_wrong_jacobian(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted bug: torques of gears do not depend on the acceleration of the path."""
     texts = clib_files.read_clib()
@@ -422,6 +423,7 @@ PLANTED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", PLANTED)
 def test_a_limit_that_ignores_the_drive_is_exceeded(
     drive: str, monkeypatch: pytest.MonkeyPatch, tmp_path: FilePath
@@ -439,6 +441,7 @@ def test_a_limit_that_ignores_the_drive_is_exceeded(
     assert (largest_of(run)["torque_max"] / limit).max() > 1.01
 
 
+@pytest.mark.slow
 def test_swings_of_sums_follow_the_parameters(tmp_path: FilePath) -> None:
     """Cogging that grows at run time takes more of a torque limit."""
     robot = driven("elbow", "sums")[0]

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from selection import ANY_MODEL, OTHER_MODELS, QUICK_MODELS, ROOT, SLOW, SLOW_CASES, UNOPTIMIZED, slow
+from selection import ANY_MODEL, OPTIMIZED, OTHER_MODELS, QUICK_MODELS, ROOT, SLOW, SLOW_CASES, UNOPTIMIZED, slow
 
 from flexgen.model.reader import model_names
 
@@ -82,7 +82,7 @@ def test_a_room_without_a_quick_test_is_seen():
 
 
 def test_the_tables_name_existing_folders_and_files():
-    for entry in (*SLOW, *ANY_MODEL, *UNOPTIMIZED, *SLOW_CASES):
+    for entry in (*SLOW, *ANY_MODEL, *UNOPTIMIZED, *OPTIMIZED, *SLOW_CASES):
         file, _, name = entry.partition("::")
         assert (TESTS / file).exists() and (not name or f"def {name}(" in (TESTS / file).read_text("utf-8")), entry
     assert set(model_names()) >= QUICK_MODELS
