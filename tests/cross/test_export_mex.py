@@ -19,6 +19,7 @@ from flexgen.cli.main import main
 from flexgen.codegen.clib_files import render
 from flexgen.errors import BuildError
 from flexgen.mechanics.signatures import TABLE
+from flexgen.runtime.limited_inversion import OF_TOOL, SIZES
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "mex_stubs"
 NAME = "planar5_nmp"
@@ -191,12 +192,12 @@ end
     assert np.array_equal(out["limited"], np.concatenate(rows)) and out["active"][0] == active > 0
 
 
-def gateway(folder: Path, library: Path) -> Path:
+def gateway(folder: Path, library: Path, name: str = "elbow") -> Path:
     """A program that drives the gateway without Octave."""
-    text = render((STUBS / "drive.c").read_text(encoding="ascii"), "elbow")
+    text = render((STUBS / "drive.c").read_text(encoding="ascii"), name)
     (folder / "drive.c").write_text(text, encoding="ascii")
     program = folder / f"drive_{library.parent.name}"
-    command = [tool("gcc"), *STRICT, "-O0", "-isystem", STUBS, "-I", folder, '-DGATEWAY="elbow_mex.c"']
+    command = [tool("gcc"), *STRICT, "-O0", "-isystem", STUBS, "-I", folder, f'-DGATEWAY="{name}_mex.c"']
     subprocess.run([*command, folder / "drive.c", library, "-lm", "-o", program], check=True)
     return program
 
@@ -210,10 +211,59 @@ def test_gears_and_motors_with_memory_have_the_torques_of_solve(tmp_path):
     numbers = np.concatenate([[10, 5, 5e-3, 1e-6, 0, 0, len(given)], *start(), given.ravel()]).tobytes()
 
     def torques(forgets: str) -> np.ndarray:
-        run = subprocess.run([gateway(tmp_path, compiled(forgets))], input=numbers, capture_output=True, check=True)
+        run = subprocess.run(
+            [gateway(tmp_path, compiled(forgets, ("limits",)))], input=numbers, capture_output=True, check=True
+        )
         return np.frombuffer(run.stdout).reshape(-1, 2)
 
     check(torques)
+
+
+def names_of_limits(folder: Path) -> list[str]:
+    """The limits that the method all_limits of the class takes, in the order in which it gives them to C."""
+    text = (folder / f"+{NAME}" / "Stream.m").read_text(encoding="ascii")
+    return re.findall(r"'(\w+)'", re.search(r"names = \{(.*?)\};", text, re.DOTALL)[1])
+
+
+def test_the_class_takes_all_limits_of_c(tmp_path):
+    flexgen.export_mex(NAME, tmp_path)
+    assert set(names_of_limits(tmp_path)) == {*SIZES, *OF_TOOL, "torque_speed"}
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_limits_of_all_kinds_have_the_bits_of_python(tmp_path):
+    """Compiled against a stub header, which gets the limits in the order of the class. Planted: two swapped."""
+    flexgen.export_mex(NAME, tmp_path)
+    curve = [[0.0, 26.0], [60.0, 24.0], [400.0, 0.0]]
+    limits = {"torque_max": [22.0, 12.0], "speed_max": [np.inf, 90.0], "deflection_max": [4e-4]}
+    limits |= {"gear_torque_max": [1900.0, 600.0], "torque_rate_max": [900.0, 700.0], "joint_speed_max": [1.5, 2.0]}
+    limits |= {"joint_acceleration_max": [9.0, 9.0], "tool_speed_max": 1.5, "tool_acceleration_max": 9.0}
+    path = flexgen.plan(NAME)
+    y = path.sample(np.minimum(np.arange(0, 800, 5), 500) * 1e-3).y
+    options = {"period": 5e-3, "intervals": 60, "samples_per_interval": 5}
+
+    def torques(names: list[str]) -> np.ndarray:
+        arrays = [np.atleast_1d(limits[name])[:, None] for name in names[:-1]]
+        arrays += [np.array([curve, curve]).reshape(2, -1).T, np.array([[0.05]])]
+        given = [[60, 5, 5e-3, 1e-6, 0, 0, len(y) - 1], y[0, :, 0], path.q_start]
+        given += [x for a in arrays for x in (a.shape, a.ravel(order="F"))]
+        given += [y[k, :, i] for k in range(1, len(y)) for i in range(3)]
+        command = [gateway(tmp_path, tmp_path / f"{NAME}.c", NAME), "limits"]
+        run = subprocess.run(command, input=np.concatenate(given).astype(float).tobytes(), capture_output=True)
+        assert run.returncode == 0, run.stderr
+        return np.frombuffer(run.stdout).reshape(-1, 5, 2)
+
+    names = names_of_limits(tmp_path)
+    library = flexgen.load(flexgen.generate(NAME, tmp_path / "library", parts=["limits"], progress=False).directory)
+    stream = library.stream(y[0, :, 0], path.q_start, tolerance=1e-6, **options)
+    stream.limit_all(deviation=0.05, torque_speed=[curve, curve], **limits)
+    updates = [stream.update(*y[k, :, :3].T) for k in range(1, len(y))]
+    expected = np.array([x.tau_m for x in updates])
+    assert sum(x.limits_active for x in updates) > 10
+    assert np.array_equal(torques(names), expected)
+    swapped = {"gear_torque_max": "torque_rate_max", "torque_rate_max": "gear_torque_max"}
+    assert not np.array_equal(torques([swapped.get(name, name) for name in names]), expected)
 
 
 @needs_octave
@@ -237,6 +287,11 @@ def test_wrong_arguments_are_errors_with_an_identifier(built):
         (f"s = {NAME}.Stream (); s.update ([1; 0], [0; 0], [0; 0]);", "flexgen:argument", "was not started"),
         (f"{NAME}_mex ('stream_limits', [10 5 5e-3 1e-6 0 0], ones (4, 1), [1 1], [1 1], 1);", "flexgen:argument",
          "another memory"),
+        (f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (3, 1);", "flexgen:argument", "given double"),
+        (f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (struct ('torque', 1), 1);", "flexgen:argument",
+         "given torque, expected some of torque_max"),
+        (f"s = {NAME}.Stream ([1; 0], [0 0 0]); s.all_limits (struct ('torque_max', [1 0]), 1);", "flexgen:argument",
+         "all_limits, torque_max: given 0, expected positive"),
         (f"{NAME}.invert (1, 1, 1, 1, [0 0 0]);", "flexgen:argument", "invert, y: given 1 x 1, expected 2 rows"),
         (f"{NAME}.invert (ones (2, 9), ones (2, 8), ones (2, 9), 1, [0 0 0]);", "flexgen:argument", "expected 2 x 9"),
     ]  # fmt: skip
@@ -255,7 +310,7 @@ def test_help_shows_equation_sizes_and_units(built):
     out = octave(built, f"help {NAME}.forward_dynamics\nhelp {NAME}.Stream\nhelp build_{NAME}")
     for text in ("M a_a + c + g = tau_a", "2 x n  [N m]  motor torques, motor side", "addpath (FOLDER)"):
         assert text in out
-    assert "s.limits (torque_max" in out
+    assert "s.limits (torque_max" in out and "s.all_limits (limits" in out
 
 
 @needs_octave
@@ -307,7 +362,7 @@ def test_the_code_of_the_page_runs(built):
     """The blocks of docs/matlab.md for Octave, in their order; those of Simulink need Simulink."""
     page = (Path(__file__).resolve().parents[2] / "docs" / "matlab.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```matlab\n(.*?)^```$", page.partition("## Simulink")[0], re.MULTILINE | re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     lines = [line for line in "\n".join(blocks).splitlines() if not line.startswith(("addpath", "build_", "plot"))]
     path = flexgen.plan(NAME)
     y = path.sample(np.arange(501) * 1e-3).y

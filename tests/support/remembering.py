@@ -79,9 +79,9 @@ def torque_error(found: np.ndarray, hold: Literal["spline", "zoh"]) -> float:
 
 
 @cache
-def compiled(forgets: str = "") -> Path:
-    """The object file of the C of all exports, with one of the errors."""
-    library, place = emit(remembering()), folder() / f"remembering-{forgets}"
+def compiled(forgets: str = "", parts: tuple[str, ...] = ()) -> Path:
+    """The object file of the C of an export with these parts, with one of the errors."""
+    library, place = emit(remembering(), parts=parts), folder() / "-".join(("remembering", forgets, *parts))
     text = library.source
     if forgets:
         _, old, new = FORGETS[forgets]

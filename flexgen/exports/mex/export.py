@@ -59,7 +59,7 @@ def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None
     >>> print(flexgen.export_mex("elbow"))
     exports/elbow_mex
     """
-    library = emit(model)
+    library = emit(model, parts=("limits",))
     name = library.name
     if name in KEYWORDS:
         raise BuildError(
@@ -86,7 +86,7 @@ def _words(library: Emitted) -> dict[str, str]:
     return {
         "NAME": library.name,
         "NAMECAPITAL": library.name.upper(),
-        **{key: str(sizes.get(f"n_{key[1].lower()}", 0)) for key in ("NA", "NG", "NM", "NT", "NY")},
+        **{key: str(sizes.get(f"n_{key[1].lower()}", 0)) for key in ("NA", "NE", "NG", "NM", "NT", "NY")},
         "TOLERANCE": repr(TOLERANCES["double"]),
         "PERIOD": repr(options.period if options else 5e-3),
         "INTERVALS": str(options.intervals if options else 10),

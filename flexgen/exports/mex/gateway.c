@@ -294,6 +294,49 @@ static void stream_limits(int n_in, const mxArray **in, mxArray **out)
     check_status("limits", model_stream_limits(&stream, torque, speed, deviation));
 }
 
+/* Positive numbers, as `numbers`; NULL for an empty array. */
+static const double *limit(const char *name, const mxArray *x, int rows)
+{
+    if (mxGetNumberOfElements(x) == 0) {
+        return NULL;
+    }
+    const double *const found = numbers("all_limits", name, x, rows, 1, NULL);
+    for (int i = 0; i < rows; ++i) {
+        if (!(found[i] > 0.0)) {
+            mexErrMsgIdAndTxt(
+                "flexgen:argument", "all_limits, %s: given %g, expected positive numbers", name, found[i]);
+        }
+    }
+    return found;
+}
+
+/* ('stream_all_limits', options, memory, members of the limits, [] for none, deviation_max) -> memory */
+static void stream_all_limits(int n_in, const mxArray **in, mxArray **out)
+{
+    count_arguments("all_limits", n_in, 13);
+    const model_stream_options options = options_of(in[0]);
+    out[0] = memory_of(in[1], model_stream_work(&options));
+    const double *const speed = limit("tool_speed_max", in[9], 1);
+    const double *const acceleration = limit("tool_acceleration_max", in[10], 1);
+    const int points = (int)mxGetM(in[11]) / 2;
+    const model_inversion_limits limits = {
+        .torque_max = limit("torque_max", in[2], MODEL_NM),
+        .speed_max = limit("speed_max", in[3], MODEL_NM),
+        .deflection_max = limit("deflection_max", in[4], MODEL_NE),
+        .gear_torque_max = limit("gear_torque_max", in[5], MODEL_NG),
+        .torque_rate_max = limit("torque_rate_max", in[6], MODEL_NM),
+        .joint_speed_max = limit("joint_speed_max", in[7], MODEL_NG),
+        .joint_acceleration_max = limit("joint_acceleration_max", in[8], MODEL_NG),
+        .tool_speed_max = speed ? *speed : 0.0,
+        .tool_acceleration_max = acceleration ? *acceleration : 0.0,
+        .torque_speed = points > 0 ? numbers("all_limits", "torque_speed", in[11], 2 * points, MODEL_NM, NULL) : NULL,
+        .torque_speed_points = points,
+    };
+    const double deviation = *numbers("all_limits", "deviation_max", in[12], 1, 1, NULL);
+    const model_stream stream = stream_in(out[0]);
+    check_status("all_limits", model_stream_all_limits(&stream, &limits, deviation));
+}
+
 #endif
 
 void mexFunction(int n_out, mxArray *out[], int n_in, const mxArray *in[])
@@ -326,6 +369,10 @@ void mexFunction(int n_out, mxArray *out[], int n_in, const mxArray *in[])
     }
     if (strcmp(what, "stream_limits") == 0) {
         stream_limits(n_in - 1, in + 1, out);
+        return;
+    }
+    if (strcmp(what, "stream_all_limits") == 0) {
+        stream_all_limits(n_in - 1, in + 1, out);
         return;
     }
 #endif

@@ -24,6 +24,16 @@ classdef Stream < handle
 %     A sample that is refused is an error, and changes nothing.
 %   s.limits (torque_max, speed_max, deviation_max)
 %     limits of the motors (@NM@ x 1, Inf: none) and the largest deviation of the path
+%   s.all_limits (limits, deviation_max)
+%     limits of all kinds in place of those, kept at the ends of the intervals; struct,
+%     all fields optional; SI units, positive, Inf: none
+%       torque_max, speed_max, torque_rate_max   of the motors (@NM@ x 1)
+%       deflection_max                           of the coordinates without motor (@NE@ x 1)
+%       gear_torque_max                          of the gears, arm side (@NG@ x 1)
+%       joint_speed_max, joint_acceleration_max  of the joints with a motor (@NG@ x 1)
+%       tool_speed_max, tool_acceleration_max    of a path of the tool
+%       torque_speed   (2 P x @NM@) largest torques over the speed: P points of each motor
+%                      below each other, each a speed and a torque, from speed 0 on
 %   t = s.copy ()  a second stream with the same past
 %
 %   Written by flexgen.
@@ -68,6 +78,25 @@ classdef Stream < handle
     function limits (self, torque_max, speed_max, deviation_max)
       self.check ();
       self.memory = @NAME@_mex ('stream_limits', self.numbers, self.memory, torque_max, speed_max, deviation_max);
+    end
+
+    function all_limits (self, limits, deviation_max)
+      self.check ();
+      if ~isstruct (limits) || numel (limits) ~= 1
+        error ('flexgen:argument', 'all_limits: given %s, expected a struct', class (limits));
+      end
+      names = {'torque_max', 'speed_max', 'deflection_max', 'gear_torque_max', 'torque_rate_max', ...
+               'joint_speed_max', 'joint_acceleration_max', 'tool_speed_max', 'tool_acceleration_max', 'torque_speed'};
+      given = cell (1, numel (names));
+      found = fieldnames (limits);
+      for k = 1:numel (found)
+        at = find (strcmp (found{k}, names));
+        if isempty (at)
+          error ('flexgen:argument', 'all_limits: given %s, expected some of%s', found{k}, sprintf (' %s', names{:}));
+        end
+        given{at} = limits.(found{k});
+      end
+      self.memory = @NAME@_mex ('stream_all_limits', self.numbers, self.memory, given{:}, deviation_max);
     end
 
     function other = copy (self)
