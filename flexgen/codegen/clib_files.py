@@ -114,8 +114,8 @@ def render(
 ) -> str:
     """A fixed text with the library's name instead of ``model``, and its literals in this precision.
 
-    ``parts``: which of the parts of ``flexgen/clib/README.md`` it has; in files of exports also ``LIMITS``: limits of
-    streams, and ``MEMORY``: torques with states. ``values``: of further macros, see `resolve`.
+    ``parts``: which of the parts of ``flexgen/clib/README.md`` it has; in files of exports also ``MEMORY``: torques
+    with states. ``values``: of further macros, see `resolve`.
     """
     text = resolve(keep_parts(text, parts), values)
     text = re.sub(r"\bmodel(?=[_:.])", name, text)

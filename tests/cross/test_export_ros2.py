@@ -367,13 +367,59 @@ def test_the_package_with_a_force_is_well_formed(pushed, tmp_path):
     assert {x for x in used if not x.startswith("ament") and x != "Eigen3"} == needed - {"eigen"}
     assert "geometry_msgs" in needed and "WRENCH_ROWS = {0, 1}" in texts[f"include/{ROS}/arm.hpp"]
     for name, options, words in (
-        (NAME, {"parts": ["bvp"]}, "parts: given bvp, expected force"),
-        (NAME, {"parts": ["force"], "controller": False}, "expected force or position, and a controller"),
+        (NAME, {"parts": ["bvp"]}, "parts: given bvp, expected some of force, limits"),
+        (NAME, {"parts": ["force"], "controller": False}, "expected some of force, limits, position, and a controller"),
         ("four_mass", {"parts": ["force"]}, "whose output is none of the tool"),
     ):
         with pytest.raises(ArgumentError, match=words):
             flexgen.export_ros2(name, tmp_path / "a", **options)
     assert not (tmp_path / "a").exists()
+
+
+# --- limits -----------------------------------------------------------------------------------------------------------
+CURVE = [[0.0, 40.0], [300.0, 30.0], [600.0, 0.0]]
+LIMITED = {"motor.m1.torque_max": 22.0, "motor.m2.torque_speed": CURVE, "motor.m2.torque_rate_max": 2000.0}
+LIMITED |= {f"element.arm{k}.dof.q{k}.gear.torque_max": x for k, x in ((1, 1700.0), (2, 400.0))}
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("planted", [False, True])
+def test_the_stream_keeps_the_limits_of_the_model(tmp_path, planted):
+    """The torques of a stream of Python with these limits; planted: those of gears and of rates swapped."""
+    import yaml
+
+    model, n, package = flexgen.read(NAME, overrides=LIMITED), 130, tmp_path / "ros2"
+    flexgen.export_ros2(model, package, gains=None, parts=["limits"])
+    text = (package / "config" / "controller.yaml").read_text(encoding="ascii")
+    limits = yaml.safe_load(text)["stream_controller"]["ros__parameters"]["limits"]
+    assert limits["torque_max"] == [22.0, 40.0] and limits["torque_speed"][-6:] == np.ravel(CURVE).tolist()
+    assert limits["gear_torque_max"] == [1700.0, 400.0] and limits["tool_speed_max"] == limits["speed_max"][0] == 0.0
+    if planted:
+        source = package / "src" / "stream_controller.cpp"
+        text, (a, b) = source.read_text(encoding="ascii"), ("::gear_torque_max}", "::torque_rate_max}")
+        assert text.count(a) == text.count(b) == 1
+        source.write_text(text.replace(a, "::@").replace(b, a).replace("::@", b), encoding="ascii")
+    objects, program = objects_of(package, NAME, ("LIMITED",)), tmp_path / "library.o"
+    include, source = package / "include" / ROS, package / "src" / f"{NAME}.c"
+    subprocess.run([tool("gcc"), "-std=c99", "-O0", f"-I{include}", "-c", source, "-o", program], check=True)
+    subprocess.run([tool("g++"), *objects, program, "-o", package / "drive"], check=True)
+    library = flexgen.load(flexgen.generate(model, tmp_path / "c", parts=["limits"], progress=False).directory)
+    zero, q_a, samples = np.zeros(2), np.append(model.home, 0.0), path_samples(n)
+    y0 = output_at(flexgen.derive(model), q_a)
+    stream = library.stream(y0, q_a, period=PERIOD, intervals=INTERVALS, samples_per_interval=PARTS, hold="zoh")
+    stream.limit_all(**flexgen.Limits.from_model(model).for_library(model))
+    rest = stream.update(y0, zero, zero).q_m[0].copy()
+    updates = [stream.update(*(x[k] for x in samples)) for k in range(n)]
+    rows = [[1.0, 50.0, float(n * PARTS)], *np.zeros((4, 2)), [1e-3], rest]
+    for k in range(n):
+        for part in range(PARTS):
+            rows += [rest, [float(part == 0)], *(x[k] for x in samples)]
+    out = drive(package / "drive", "controller", np.concatenate([np.asarray(row, float) for row in rows]))
+    assert out[-1] == 0  # allocations
+    assert sum(x.limits_active for x in updates) > 10
+    difference = np.abs(out[:-1].reshape(-1, N_M) - np.concatenate([x.tau_m[:PARTS] for x in updates])).max()
+    assert difference > 1e-3 if planted else difference == 0.0
 
 
 # --- the files --------------------------------------------------------------------------------------------------------
@@ -594,7 +640,7 @@ def test_positions_need_a_servo_and_no_gains(tmp_path):
     model = flexgen.read(NAME, overrides={"servo": SERVO})
     with pytest.raises(ArgumentError, match="gains: given with positions"):
         flexgen.export_ros2(model, tmp_path, parts=["position"], gains=gains())
-    with pytest.raises(ArgumentError, match="parts: given noise, expected force or position"):
+    with pytest.raises(ArgumentError, match="parts: given noise, expected some of force, limits, position"):
         flexgen.export_ros2(model, tmp_path, parts=["noise"])
     uneven = flexgen.read(NAME, overrides={"servo": {**SERVO, "sample_time": 7e-4}})
     with pytest.raises(ArgumentError, match=r"servo\.sample_time of planar5_nmp: given 0\.0007 s, expected a part of"):

@@ -17,16 +17,18 @@ from flexgen.exports.selftest.golden import output_at
 from flexgen.library.template_files import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import propose_gains
+from flexgen.mechanics.limits import limits_of_model
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import bristled_motors, loaded_motors
 from flexgen.numerics.evaluate import evaluate
+from flexgen.runtime.limited_inversion import OF_TOOL, SIZES, limit_members
 from flexgen.spec.ports import CPP_KEYWORDS
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 
 PACKAGE = "flexgen.exports.ros2"
 OPEN_GAINS = "the gains in config/controller.yaml are open: the controller refuses to start until they are set"
-PARTS, WHOLE = ("force", "position"), 1e-6  # relative error of a whole number of samples
+PARTS, WHOLE = ("force", "limits", "position"), 1e-6  # relative error of a whole number of samples
 STEP_TOLERANCE = 0.001  # rad or m, arm side: largest first step of a position
 START_TOLERANCE = 0.01  # rad or m, arm side: largest distance from the start of the stream
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
@@ -72,8 +74,9 @@ def export_ros2(
         Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``; "proposed": those at
         home; False or None: open, and the controller refuses to start until they are set.
     parts : sequence of str
-        ``"force"``: the controller takes a known force on the tool, with the samples and from a topic. ``"position"``:
-        it sends positions for the servos of the model, table ``[servo]``, in place of torques; without gains.
+        ``"force"``: the controller takes a known force on the tool, with the samples and from a topic. ``"limits"``:
+        its stream keeps limits, by parameters; those of the model but root mean squares. ``"position"``: it sends
+        positions for the servos of the model, table ``[servo]``, in place of torques; without gains.
     maintainer, email, license_name : str
         For ``package.xml``.
     force : bool
@@ -94,7 +97,7 @@ def export_ros2(
     exports/flexgen_elbow
     """
     if set(parts) - set(PARTS) or (parts and not controller):
-        raise ArgumentError(f"parts: given {', '.join(parts)}, expected {' or '.join(PARTS)}, and a controller")
+        raise ArgumentError(f"parts: given {', '.join(parts)}, expected some of {', '.join(PARTS)}, and a controller")
     positions = "position" in parts
     library = emit(model, streams=controller, parts=tuple(dict.fromkeys(parts)))
     name = library.name
@@ -118,7 +121,7 @@ def export_ros2(
     }
     notes = (OPEN_GAINS,) * (controller and not gains and not positions)
     texts = {f"src/{name}.c": library.source, f"include/{chosen}/{name}.h": library.header}
-    sections = (*parts, *["load"] * bool(loaded_motors(library.model)))
+    sections = (*parts, *["limited"] * ("limits" in parts), *["load"] * bool(loaded_motors(library.model)))
     for file, path in _files(chosen, controller, parts).items():
         texts[path] = _render(file, chosen, name, words, sections)
     return library.write("ros2", directory, texts, force=force, default=chosen, notes=notes)
@@ -217,6 +220,9 @@ inline constexpr double START_TOLERANCE = {tolerance!r};
 inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; // [N m]; 0: no limit
 """
     samples = options.samples_per_interval
+    limits = _limits(model) if "limits" in parts else {}
+    for key, x in limits.items():  # 0: no limit
+        stream += f"inline constexpr std::array<double, {len(x)}> LIMIT_{key.upper()} = {{{numbers(x)}}};\n"
     if "position" in parts:
         samples = _servo_samples(model, options.period)
         stream += f"inline constexpr int SAMPLES_PER_INTERVAL = {samples}; // as of the servo\n"
@@ -233,12 +239,27 @@ inline constexpr std::array<double, {n}> TORQUE_MAX = {{{numbers(largest)}}}; //
         "ZEROS": numbers([0.0] * n),
         "GAINS": _gains_text(gains, n),
         "TORQUE_MAX": numbers(largest),
+        "LIMITS": "\n".join(
+            f"      {key}: {numbers(x) if key in OF_TOOL else f'[{numbers(x)}]'}" for key, x in limits.items() if len(x)
+        ),
         "START_OUTPUT": numbers(start),
         "START_TOLERANCE": repr(tolerance),
         "PERIOD": repr(options.period),
         "INTERVALS": str(options.intervals),
         "SAMPLES": str(samples),
     }
+
+
+def _limits(model: RobotModel) -> dict[str, np.ndarray]:
+    """Limits of the stream by their member in C, those of the model file; 0: none, no points: no curves."""
+    sizes = {"n_m": model.n_m, "n_e": model.n_e, "n_g": model.n_g}
+    out = {member: np.zeros(sizes[size]) for member, size in SIZES.items()}
+    out |= {member: np.zeros(1) for member in OF_TOOL}
+    given = limits_of_model(model).for_library(model)
+    curves = limit_members("limits", {"torque_speed": given.pop("torque_speed", None)}, sizes, np.dtype(float))
+    for member, x in given.items():
+        out[member] = np.where(np.isfinite(x), x, 0.0).reshape(-1)
+    return out | {"torque_speed": curves.get("torque_speed", np.zeros(0)).reshape(-1)}
 
 
 def _servo_samples(model: RobotModel, period: float) -> int:

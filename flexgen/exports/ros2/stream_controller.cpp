@@ -22,6 +22,29 @@ constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
 constexpr std::size_t WRENCHES = 64; // messages between two intervals
 #endif /* MODEL_FORCE */
 
+#if MODEL_LIMITED
+// A limit of the stream: a parameter of so many numbers, one for each motor, gear or coordinate; of a curve any points.
+struct Limit {
+    const char *name;
+    std::size_t size;
+    const double *given;
+    const double *model_inversion_limits::*member;
+};
+
+constexpr std::array<Limit, 8> LIMITS = {{
+    {"limits.torque_max", MODEL_NM, LIMIT_TORQUE_MAX.data(), &model_inversion_limits::torque_max},
+    {"limits.speed_max", MODEL_NM, LIMIT_SPEED_MAX.data(), &model_inversion_limits::speed_max},
+    {"limits.torque_rate_max", MODEL_NM, LIMIT_TORQUE_RATE_MAX.data(), &model_inversion_limits::torque_rate_max},
+    {"limits.deflection_max", MODEL_NE, LIMIT_DEFLECTION_MAX.data(), &model_inversion_limits::deflection_max},
+    {"limits.gear_torque_max", MODEL_NG, LIMIT_GEAR_TORQUE_MAX.data(), &model_inversion_limits::gear_torque_max},
+    {"limits.joint_speed_max", MODEL_NG, LIMIT_JOINT_SPEED_MAX.data(), &model_inversion_limits::joint_speed_max},
+    {"limits.joint_acceleration_max", MODEL_NG, LIMIT_JOINT_ACCELERATION_MAX.data(),
+        &model_inversion_limits::joint_acceleration_max},
+    {"limits.torque_speed", LIMIT_TORQUE_SPEED.size(), LIMIT_TORQUE_SPEED.data(),
+        &model_inversion_limits::torque_speed},
+}};
+
+#endif /* MODEL_LIMITED */
 // A sample that the stream refuses changes nothing in it.
 bool refused(int status)
 {
@@ -68,6 +91,14 @@ controller_interface::CallbackReturn StreamController::on_init()
         auto_declare<double>("delay", 0.0);
 #endif /* MODEL_POSITION */
         auto_declare<int>("queue", 1000);
+#if MODEL_LIMITED
+        for (const auto &limit : LIMITS) {
+            auto_declare<std::vector<double>>(limit.name, std::vector<double>(limit.given, limit.given + limit.size));
+        }
+        auto_declare<double>("limits.tool_speed_max", LIMIT_TOOL_SPEED_MAX[0]);
+        auto_declare<double>("limits.tool_acceleration_max", LIMIT_TOOL_ACCELERATION_MAX[0]);
+        auto_declare<double>("limits.deviation_max", 0.05);
+#endif /* MODEL_LIMITED */
 #if MODEL_FORCE
         auto_declare<double>("wrench_time", 0.1);
 #endif /* MODEL_FORCE */
@@ -128,6 +159,11 @@ bool StreamController::read_parameters()
     options_.samples_per_interval = static_cast<int>(node->get_parameter("samples_per_interval").as_int());
     options_.tolerance = node->get_parameter("tolerance").as_double();
     options_.hold = MODEL_HOLD_ZOH;
+#if MODEL_LIMITED
+    if (!read_limits()) {
+        return false;
+    }
+#endif /* MODEL_LIMITED */
 #if MODEL_POSITION
     servo_ = model_servo_defaults();
     options_.servo = &servo_;
@@ -139,6 +175,38 @@ bool StreamController::read_parameters()
 #endif /* MODEL_POSITION */
 }
 
+#if MODEL_LIMITED
+bool StreamController::read_limits()
+{
+    const auto node = get_node();
+    const auto logger = node->get_logger();
+    bounds_.assign(LIMITS.size(), {});
+    limits_ = {};
+    for (std::size_t i = 0; i < LIMITS.size(); ++i) {
+        const Limit &limit = LIMITS[i];
+        auto &x = bounds_[i];
+        x = node->get_parameter(limit.name).as_double_array();
+        const bool curve = limit.member == &model_inversion_limits::torque_speed;
+        const bool fits = curve ? x.size() % (2 * MODEL_NM) == 0 : x.size() == limit.size;
+        if (!fits || !finite(x) || std::any_of(x.begin(), x.end(), [](double entry) { return entry < 0.0; })) {
+            RCLCPP_ERROR(logger, "parameter %s: expected %s%zu finite numbers >= 0, given %zu numbers", limit.name,
+                curve ? "a multiple of " : "", curve ? std::size_t{2 * MODEL_NM} : limit.size, x.size());
+            return false;
+        }
+        if (curve) {
+            limits_.torque_speed_points = static_cast<int>(x.size() / (2 * MODEL_NM));
+        } else {
+            std::replace(x.begin(), x.end(), 0.0, std::numeric_limits<double>::infinity());
+        }
+        limits_.*limit.member = x.empty() ? nullptr : x.data();
+    }
+    limits_.tool_speed_max = node->get_parameter("limits.tool_speed_max").as_double();
+    limits_.tool_acceleration_max = node->get_parameter("limits.tool_acceleration_max").as_double();
+    deviation_max_ = node->get_parameter("limits.deviation_max").as_double();
+    return true;
+}
+
+#endif /* MODEL_LIMITED */
 #if MODEL_POSITION
 // How the robot takes positions.
 bool StreamController::read_interface()
@@ -384,6 +452,15 @@ controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_
 #if MODEL_FORCE
     ramp_.reset();
 #endif /* MODEL_FORCE */
+#if MODEL_LIMITED
+    if (status == MODEL_OK) {
+        status = model_stream_all_limits(&stream_, &limits_, deviation_max_);
+        if (status < 0) {
+            RCLCPP_ERROR(logger, "parameters limits: %s", model_status_text(static_cast<model_status>(status)));
+            return controller_interface::CallbackReturn::FAILURE;
+        }
+    }
+#endif /* MODEL_LIMITED */
     if (status == MODEL_OK) {
         status = begin_interval(); // at rest: where the motors should be
     }

@@ -46,6 +46,10 @@ namespace flexgen_space
 // the last message. The force of a sample and that of the topic act where the output reaches the sample. When the
 // controller is activated they are zero.
 #endif /* MODEL_FORCE */
+#if MODEL_LIMITED
+//
+// The stream modifies the path to keep the parameters limits.NAME, see stream_all_limits of the library.
+#endif /* MODEL_LIMITED */
 //
 #if MODEL_POSITION
 // An update has `samples_per_position` samples of the servo of the robot, whose gains are those of the model file, and the
@@ -100,6 +104,9 @@ class StreamController : public controller_interface::ChainableControllerInterfa
     using Motors = std::array<double, MODEL_NM>;
 
     bool read_parameters();
+#if MODEL_LIMITED
+    bool read_limits();
+#endif /* MODEL_LIMITED */
     bool measure();
 #if MODEL_POSITION
     bool read_interface();
@@ -116,6 +123,11 @@ class StreamController : public controller_interface::ChainableControllerInterfa
     double start_tolerance_ = 0.0;
     std::vector<double> start_output_, q_start_;
     model_stream_options options_{};
+#if MODEL_LIMITED
+    std::vector<std::vector<double>> bounds_;
+    model_inversion_limits limits_{}; // of these bounds
+    double deviation_max_ = 0.0;
+#endif /* MODEL_LIMITED */
 #if MODEL_POSITION
     model_servo servo_{};
     model_robot_interface robot_{};

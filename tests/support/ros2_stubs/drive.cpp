@@ -149,6 +149,14 @@ static int controller()
 #endif /* MODEL_POSITION */
     parameters["start_tolerance"] = next();
     parameters["queue"] = static_cast<std::int64_t>(queue);
+#if MODEL_LIMITED
+    const auto most = parameters["limits.torque_max"];
+    parameters["limits.torque_max"] = std::vector<double>(MODEL_NM + 1, 1.0);
+    if (stream->on_configure({}) != Result::FAILURE) {
+        return 17; // a limit too many
+    }
+    parameters["limits.torque_max"] = most;
+#endif /* MODEL_LIMITED */
     made->stub_set(999);
     if (stream->on_configure({}) != Result::FAILURE) {
         return 3; // another update rate
