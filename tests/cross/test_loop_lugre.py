@@ -52,7 +52,6 @@ def right(plain: flexgen.Solution) -> flexgen.ControlRun:
     return flexgen.control(bristled("elbow", NUMBERS), solution=plain, **OPEN)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("planted", "factor"), [("motor_force", -1.0), ("motor_speeds", 0.9)])
 def test_planted_errors_of_the_law_are_found(
     planted: str,

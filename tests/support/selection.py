@@ -107,7 +107,7 @@ UNOPTIMIZED = (
     "unit/test_solve_stages.py",
 )
 # Quick tests of optimized code, and cases that run C for a long time.
-OPTIMIZED = ("client/test_instruction_sets.py", "laws/test_benchmarks.py")
+OPTIMIZED = ("client/test_instruction_sets.py", "cross/test_loop_lugre.py", "laws/test_benchmarks.py")
 OPTIMIZED_CASES = {
     "client/test_docs.py": {"docs/control.md", "flexgen/benchmarks/README.md"},
     "unit/test_docstring_examples.py": {"tune", "TuningResult", "score", "Score", "identify_servo"},
