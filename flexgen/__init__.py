@@ -125,7 +125,7 @@ registry.EXPORTS |= {
         no_controller: the plugin of inverse dynamics only
         no_gains: leave the gains of the controller open
         parts NAME,NAME,... names: force: the controller takes a known force on the tool, with the samples and from a
-            topic; position: it sends positions to servos, table [servo]
+            topic; limits: its stream keeps limits; position: it sends positions to servos, table [servo]
     package.xml
         maintainer TEXT: name for package.xml; default: {default}
         email TEXT: address for package.xml; default: {default}
