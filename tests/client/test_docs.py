@@ -270,6 +270,13 @@ def test_words_of_the_notebooks_are_plain():
         assert len(text) > 200 and private_words(text) == [], file.name
 
 
+@pytest.mark.parametrize("page", PROSE, ids=page_id)
+def test_springs_of_toml_blocks_have_a_type(page):
+    blocks = re.findall(r"^```toml$(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    springs = [spring for block in blocks for spring in re.findall(r"spring = \{([^}]*)\}", block)]
+    assert [spring for spring in springs if "type = " not in spring] == []
+
+
 def test_readme_is_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 130
 
