@@ -111,23 +111,30 @@ class Problem:
         else:
             rows, r = self.whitening @ rows, (self.whitening @ r[..., None])[..., 0]
             w = np.broadcast_to(weights, r.shape)
-        by_pose = np.einsum("nr,nrp->np", w * r, rows)
+        rows, r = np.sqrt(w)[..., None] * rows, np.sqrt(w) * r
         flat = rows.reshape(-1, p)
-        return Slopes(flat.T @ (w.reshape(-1, 1) * flat), by_pose, self.precision * (x - self.center))
+        return Slopes(flat.T @ flat, rows, r, self.precision * (x - self.center))
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """``A`` (p, p): J' W J; ``by_pose`` (N, p): J' W r of each pose; ``prior`` (p,): slope of the priors."""
+    """``A`` (p, p): J' W J; ``rows`` (N, 3 k, p): W^1/2 J of each pose; ``gaps`` (N, 3 k): W^1/2 r; ``prior`` (p,)."""
 
     A: np.ndarray
-    by_pose: np.ndarray
+    rows: np.ndarray
+    gaps: np.ndarray
     prior: np.ndarray
 
     @property
     def whole(self) -> np.ndarray:
         """Half the slope of the objective."""
-        return np.asarray(self.by_pose.sum(axis=0) + self.prior)
+        return np.asarray(np.einsum("nr,nrp->p", self.gaps, self.rows) + self.prior)
+
+    def leave_out_each(self, free: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+        """J' W r (N, p) of each pose, r in a fit without the pose; ``inverse``: of the Hessian of the free numbers."""
+        rows = self.rows[:, :, free]
+        own = np.eye(rows.shape[1]) - rows @ inverse @ rows.transpose(0, 2, 1)  # part of its errors that the fit leaves
+        return np.asarray(np.einsum("nr,nrp->np", np.linalg.solve(own, self.gaps[..., None])[..., 0], rows))
 
 
 def fit(
@@ -210,11 +217,9 @@ def _accuracy(
     free = (x > problem.lower) | (slopes.whole < 0)
     inner = np.ix_(free, free)
     inverse = np.linalg.inv(matrix[inner])
-    used = float(np.trace(inverse @ slopes.A[inner]))  # degrees of freedom that the data determine
-    g = slopes.by_pose[:, free]
-    factor = max(1.0, 3 * problem.valid.sum() / max(3 * problem.valid.sum() - used, 1.0))
+    g = slopes.leave_out_each(free, inverse)
     covariance = np.zeros(matrix.shape)
-    covariance[inner] = inverse @ (factor * g.T @ g + np.diag(problem.precision[free])) @ inverse
+    covariance[inner] = inverse @ (g.T @ g + np.diag(problem.precision[free])) @ inverse
     everything = np.linalg.inv(matrix)
     beyond = -everything @ slopes.whole
     sd = np.sqrt(np.maximum(np.diag(everything), 1e-300))

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import flexgen
 from flexgen.calibration import calibrate, mistakes
+from flexgen.calibration.fit import Slopes
 from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
 from flexgen.calibration.statics import Numbers, Statics, frame_rotation, frame_slopes
 from flexgen.calibration.tree import Tree, rotations
@@ -244,3 +245,21 @@ def test_a_mistake_in_the_poses_is_the_one_that_explains_most(
     assert told == [first, "91 % of the motion is not explained: searching for a mistake in the poses"]
     sizes["given"] = (0.99 * mistakes.DOUBTFUL, 1.0)
     assert mistakes.find_start(statics, data, (), told.append) == "start" and told[2:] == [first]
+
+
+def test_slopes_of_a_pose_have_its_errors_in_a_fit_without_it() -> None:
+    """Of a linear fit with priors; the third number is held at its bound."""
+    rng, free = np.random.default_rng(0), np.array([True, True, False, True])
+    rows, y, prior = rng.normal(size=(7, 6, 4)) * [1, 1, 1, 9], rng.normal(size=(7, 6)), np.diag([0.1, 0.2, 0.3, 0.4])
+    rows[3, :3] = y[3, :3] = 0.0  # not seen
+
+    def best(poses: list[int]) -> np.ndarray:
+        J, gap = rows[poses][:, :, free].reshape(-1, 3), y[poses].ravel()
+        return np.linalg.solve(J.T @ J + prior[np.ix_(free, free)], J.T @ gap)
+
+    every = list(range(7))
+    x, J = best(every), rows[:, :, free]
+    inverse = np.linalg.inv(np.einsum("nrp,nrq->pq", J, J) + prior[np.ix_(free, free)])
+    slopes = Slopes(np.eye(4), rows, J @ x - y, np.zeros(4))
+    for k, slope in enumerate(slopes.leave_out_each(free, inverse)):
+        assert_allclose(inverse @ slope, best(every[:k] + every[k + 1 :]) - x, rtol=1e-10)
