@@ -21,6 +21,7 @@ from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 
 DOUBTFUL, UNEXPLAINED = 0.1, 0.5  # parts of the scatter from which on mistakes are tried, and poses refused
+STILL = 1e-9  # m: largest motion of a tracker that no joint moves
 NAMED = 1 / 3  # most of the error that is left where a mistake is named
 
 
@@ -59,11 +60,19 @@ def find_start(
 
 
 def _agreement(statics: Statics, measured: np.ndarray, numbers: Numbers) -> tuple[float, float]:
-    """Medians [m] of the errors of a rigid robot, and of the distances from their mean, of the worst tracker."""
-    error = np.nanmedian(rigid_errors(statics, measured, numbers), axis=0)
+    """Medians [m] of the errors of a rigid robot, and of the distances from their mean, of the worst tracker.
+
+    Trackers that only springs move, as on a base, do not count: a rigid robot explains nothing of their motion.
+    """
+    error = np.where(_moves(statics, numbers), np.nanmedian(rigid_errors(statics, measured, numbers), axis=0), 0.0)
     distance = np.nanmedian(np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2), axis=0)
     worst = np.argmax(error / np.maximum(distance, 1e-300))
     return float(error[worst]), float(distance[worst])
+
+
+def _moves(statics: Statics, numbers: Numbers) -> np.ndarray:
+    """Whether the joints move each tracker (k,)."""
+    return np.asarray(np.ptp(statics.rest(numbers, rigid=True).points, axis=0).max(axis=1) > STILL)
 
 
 def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, StaticPoses]]:

@@ -157,6 +157,19 @@ def calibrated(robust: bool = True, gross: int = 0) -> tuple[flexgen.Calibration
     return found, other, Statics(tree, other).rest(numbers).measured
 
 
+def test_a_tracker_on_an_elastic_base_is_taken() -> None:
+    """Only springs move it; a rigid robot explains nothing of that."""
+    base = {"name": "base", "type": "tracker", "unit": "m", "element": "foundation", "position": [0.3, 0.2, 0.1]}
+    robot = flexgen.read("manutec_r3_30", overrides={"sensor": [*TRACKERS, base]})
+    dofs = next(element.dofs for element in robot.elements if element.name == "foundation")
+    springs = {f"element.foundation.dof.{d.name}.spring.stiffness": 0.8 * d.spring.stiffness for d in dofs}
+    softer = flexgen.read(robot.file, overrides={"sensor": [*TRACKERS, base], **springs})
+    q = commands(30)
+    data = flexgen.StaticPoses(q, flexgen.tracker_positions(softer, q))
+    found = flexgen.calibrate(robot, data, free=["compliances"], folds=0)
+    assert not found.problem and found.errors.max() < 1e-6
+
+
 def test_a_robot_that_differs_is_found() -> None:
     """Other poses of a robot with other zeros, places, springs and masses are predicted within the noise."""
     found, other, truth = calibrated()
@@ -414,13 +427,17 @@ def test_a_mistake_in_the_poses_is_named(words: str) -> None:
 
 
 def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Far from the origin, with positions that were not seen; the second tracker has more error for its scatter."""
+    """Far from the origin, with positions that were not seen; the second tracker has more error for its scatter.
+
+    The third has the most, but no joint moves it.
+    """
     rng = np.random.default_rng(0)
-    measured = [5.0, 6.0, 7.0] + rng.normal(size=(9, 2, 3)) * [[1.0], [0.5]]
+    measured = [5.0, 6.0, 7.0] + rng.normal(size=(9, 3, 3)) * [[1.0], [0.5], [0.1]]
     measured[4, 0] = np.nan
-    errors = rng.uniform(0.1, 0.2, (9, 2))
+    errors = rng.uniform(0.1, 0.2, (9, 3))
     errors[4, 0] = np.nan
     monkeypatch.setattr(mistakes, "rigid_errors", lambda *_: errors)
+    monkeypatch.setattr(mistakes, "_moves", lambda *_: np.array([True, True, False]))
     seen = measured[:, 1]
     scatter = np.median(np.linalg.norm(seen - seen.mean(axis=0), axis=1))
     unused: Any = None
