@@ -106,8 +106,20 @@ UNOPTIMIZED = (
     "unit/test_parameters.py",
     "unit/test_solve_stages.py",
 )
-# Quick tests of optimized code, and cases that run C for a long time.
-OPTIMIZED = ("client/test_instruction_sets.py", "cross/test_loop_lugre.py", "laws/test_benchmarks.py")
+# Quick tests of optimized code, and tests and cases that run C for a long time: simulated experiments above all.
+OPTIMIZED = (
+    "client/test_instruction_sets.py",
+    "cross/test_loop_lugre.py",
+    "laws/test_benchmark_draws.py",
+    "laws/test_benchmarks.py",
+    "laws/test_causes.py",
+    "laws/test_frequency_responses.py",
+    "laws/test_identify.py",
+    "laws/test_identify_with_torques.py",
+    "laws/test_structure_search.py",
+    "laws/test_transients_and_averages.py",
+    "unit/test_cli_identify.py",
+)
 OPTIMIZED_CASES = {
     "client/test_docs.py": {"docs/control.md", "flexgen/benchmarks/README.md"},
     "unit/test_docstring_examples.py": {"tune", "TuningResult", "score", "Score", "identify_servo"},
