@@ -8,19 +8,25 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import flexgen
+from flexgen.calibration.result import Calibration
 from flexgen.codegen.constants_header import _curves
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.exports import added
 from flexgen.expressions.graph import LATENCY, OTHER_LATENCY, Graph
+from flexgen.identification import result as identified
 from flexgen.library import source_folder
 from flexgen.library.agreement import compare_library
+from flexgen.mechanics import statics
 from flexgen.mechanics.equations import derive
 from flexgen.memory.hysteresis_law import curve_of
+from flexgen.paths.redundancy import _Follower
+from flexgen.recursion.dh_chain import snap
 from flexgen.spec.variants import add_variant
 from flexgen.version import __version__
 
@@ -253,3 +259,53 @@ def test_a_graph_has_each_value_once() -> None:
     graph.outputs.append((0, 0, graph.multiply(a, b)))
     alive = graph.alive()
     assert [k for k, x in enumerate(alive) if x] == sorted([a >> 1, b >> 1, graph.multiply(a, b) >> 1])
+
+
+def test_an_equilibrium_of_small_torques_is_as_accurate() -> None:
+    """Rows of 1e-9 N m: without their scale anything would be one."""
+    q = ca.SX.sym("q", 2)
+    rows = ca.vertcat(1e-9 * (q[0] ** 2 - 2 * q[1]), 1e3 * (q[1] - 1))
+    function = ca.Function("rows", [q], [rows, ca.jacobian(rows, q)])
+    assert_allclose(statics._newton(function, np.array([1.2, 0.9]), [0, 1], "pose"), [np.sqrt(2), 1.0], rtol=1e-12)
+    none = ca.vertcat(1e-12 * (q[0] ** 2 + 1), q[1] - 1)
+    with pytest.raises(SolverError, match=r"pose: not found, residual .* expected below 1e-9"):
+        statics._newton(ca.Function("none", [q], [none, ca.jacobian(none, q)]), np.array([1.2, 0.9]), [0, 1], "pose")
+    nothing = ca.Function("rows", [q], [rows + 1e3, ca.jacobian(rows, q) * 0])
+    with pytest.raises(SolverError, match="pose: the equations are singular"):
+        statics._newton(nothing, np.array([1.0, 1.0]), [0, 1], "pose")
+
+
+def test_rounding_of_ones_and_zeros_is_removed() -> None:
+    x = np.array([1 - 1e-16, -1 + 2e-16, 3e-17, 0.5, 2.0])
+    assert snap(x).tolist() == [1.0, -1.0, 0.0, 0.5, 2.0]
+    assert snap(4 * x, 4.0).tolist() == [4.0, -4.0, 0.0, 2.0, 8.0]
+
+
+@pytest.mark.parametrize(
+    ("sd", "name", "text"),
+    [
+        (0.0123, "q1.stiffness", "1.2 %"),
+        (0.0123, "arm1.com_x", "0.012"),
+        (0.0123, "m1.offset", "0.012"),
+        ("fixed", "m1.offset", "fixed"),
+    ],
+)
+def test_deviations_of_numbers_with_a_sign_are_not_relative(sd: Any, name: str, text: str) -> None:
+    assert identified._percent(sd, name) == text
+
+
+def test_a_singular_pose_of_a_redundant_arm_is_stated_with_its_place() -> None:
+    follower: Any = SimpleNamespace(free=np.array([0, 2]))
+    flat = np.array([[1.0, 5.0, 2.0], [2.0, 7.0, 4.0]])  # the free joints turn the output about one axis
+    with pytest.raises(SolverError, match=r"a singular pose after 25 % of the path"):
+        _Follower._solve_least_norm(follower, flat, np.array([1.0, 0.0]), 0.25)
+
+
+def test_a_calibrated_model_is_of_the_variant_that_was_calibrated() -> None:
+    model: Any = vars(Calibration)["model"]
+    found = model.fget(
+        SimpleNamespace(nominal=flexgen.read("planar5_nmp", "undamped"), changes={"motor.m1.inertia": 0.5})
+    )
+    assert found.variant == "undamped" and found.motors[0].inertia == 0.5
+    with pytest.raises(ArgumentError, match="given a model without a file"):
+        model.fget(SimpleNamespace(nominal=SimpleNamespace(file="")))
