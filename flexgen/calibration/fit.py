@@ -206,9 +206,10 @@ def _bounded_step(matrix: np.ndarray, slope: np.ndarray, least: np.ndarray) -> n
 def _accuracy(
     problem: Problem, x: np.ndarray, rest: Rest, gap: np.ndarray, lengths: np.ndarray, converged: bool
 ) -> CalibrationFit:
-    """The covariance at a minimum from the slopes of single poses, with priors: ``H^-1 (sum g g' + P) H^-1``.
+    """The covariance at a minimum from the slopes g of single poses, with priors: ``H^-1 (sum g g' + P) H^-1``.
 
-    The errors of one pose may depend on each other: its trackers share what deflects below them.
+    The errors of one pose may depend on each other: its trackers share what deflects below them. They are those in a
+    fit without the pose, since the fit makes them small where one pose determines a number.
     """
     scale = problem.scale(lengths)
     slopes = problem.slopes(x, rest, gap, scale)
