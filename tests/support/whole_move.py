@@ -112,6 +112,9 @@ class WholeMove:
         self.model, self.gains = model, gains
         n_a, n_m = model.n_a, model.n_m
         assert not model.branched, "this referee knows chains only"
+        assert not any(d.counterbalance or d.mimic for e in model.elements for d in e.dofs), (
+            "... without counterbalances and mimics"
+        )
         steps = [_step(step) for step in chain_of(model) if not isinstance(step, (Tip, Return))]
         laws, spread = _laws(model), np.zeros((n_a + n_m, model.dof))
         spread[:n_a, :n_a] = np.eye(n_a)
