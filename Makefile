@@ -66,8 +66,8 @@ $(VENV)/.docs: $(VENV)/.installed
 	@touch $@
 
 # --- checks -----------------------------------------------------------------------------------------------------------
-test: $(VENV)/.test                ## the quick tests (about 6 minutes on two cores)
-	@echo "flexgen: quick tests, about 6 minutes on two cores"
+test: $(VENV)/.test                ## the quick tests (about 5 minutes on two cores)
+	@echo "flexgen: quick tests, about 5 minutes on two cores"
 	@$(RUN_TESTS) -m 'not slow and not full and not robots' $(PYTEST)
 
 test-slow: $(VENV)/.test           ## the other tests (about half an hour on two cores)
