@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -35,7 +36,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.force_laws import spring_torque
 from flexgen.mechanics.lagrangian import gears
 from flexgen.model.elements import LinearSpring, RobotModel, Spring
-from flexgen.model.friction import refuse_load
+from flexgen.model.friction import loaded_motors
 from flexgen.numerics.evaluate import Evaluator, evaluate
 
 NEWTON_STEPS = 50
@@ -106,7 +107,6 @@ class LocalModel:
     """
 
     def __init__(self, model: RobotModel, parameters: Sequence[str], sensors: Sequence[str] = ()) -> None:
-        refuse_load(model, "identification")
         self.equations = Equations(model, parameters)
         self.model = model
         self.names = tuple(parameter.name for parameter in self.equations.parameters)
@@ -125,8 +125,11 @@ class LocalModel:
 
     @cached_property
     def springs(self) -> tuple[tuple[Spring, np.ndarray], ...]:
-        """Springs that are not linear, with their parameters as symbols, and the rows s of their deflection ``s y``."""
-        model, C = self.equations.with_symbols, self.motor_rows
+        """Springs whose spread of deflections counts, with symbols as parameters, and their rows s: deflections s y.
+
+        Those that are not linear, and those of all gears where friction depends on their torques.
+        """
+        model, C, loaded = self.equations.with_symbols, self.motor_rows, bool(loaded_motors(self.model))
         theta, out = np.linalg.inv(model.eta) @ C, []
         factors = iter(zip(gears(model), theta, strict=True))
         for i, coordinate in enumerate(model.coordinates):
@@ -134,10 +137,12 @@ class LocalModel:
             row = np.zeros(model.dof)
             row[i] = 1.0
             spring = None if dof is None else dof.spring
+            counted = not isinstance(spring, LinearSpring)
             if dof is not None and dof.gear is not None:
                 (gear, ratio), turned = next(factors)
                 spring, row = gear.spring, ratio * (turned - row)
-            if spring is not None and not isinstance(spring, LinearSpring):
+                counted = loaded or not isinstance(spring, LinearSpring)
+            if spring is not None and counted:
                 out.append((spring, row))
         return tuple(out)
 
@@ -230,7 +235,7 @@ class LocalModel:
         r = self._average(e.residual, deviations[speeds:])
         jacobians = [ca.jacobian(r, x) for x in (ddy, dy, y, tau)]
         M, D, K, B = (ca.densify(ca.substitute(x, still, ca.SX.zeros(still.numel()))) for x in jacobians)
-        D = D + self._friction(dy, deviations[:speeds])
+        D = D + ca.substitute(self._friction(deviations[:speeds], deviations[speeds:]), still, 0 * still)
         stacked = ca.vertcat(ca.vec(M), ca.vec(D), ca.vec(K))
         places, derivatives = {}, []
         for name, x in (("p", p), ("y", y)):
@@ -245,17 +250,20 @@ class LocalModel:
             places,
         )
 
-    def _friction(self, dy: ca.SX, speed_sd: ca.SX) -> ca.SX:
+    def _friction(self, speed_sd: ca.SX, deflection_sd: ca.SX) -> ca.SX:
         """Mean slope of all friction laws less the slope at rest, as a matrix (n, n)."""
         model, C = self.equations.with_symbols, self.motor_rows
-        D = ca.SX.zeros(model.dof, model.dof)
-        laws = [(motor.friction, C[j], speed_sd[j]) for j, motor in enumerate(model.motors)]
+        D, loads = ca.SX.zeros(model.dof, model.dof), self.equations.lagrangian.tau_gm
+        by_deflection = ca.mtimes(ca.jacobian(loads, self.equations.y[0]), ca.DM(np.linalg.pinv(self.deflection_rows)))
+        spread = ca.sqrt(ca.mtimes(by_deflection**2, deflection_sd**2) + 1e-30)  # (the root has no derivative at 0)
+        laws: list[Any] = [(m.friction, C[j], (speed_sd[j], loads[j], spread[j])) for j, m in enumerate(model.motors)]
         for i, coordinate in enumerate(model.coordinates):
             if coordinate.dof is not None:
-                laws.append((coordinate.dof.friction, np.eye(model.dof)[i], speed_sd[model.n_m + i]))
-        for friction, row, sd in laws:
+                laws.append((coordinate.dof.friction, np.eye(model.dof)[i], (speed_sd[model.n_m + i], None, None)))
+        for friction, row, (sd, *load) in laws:
             if not is_linear(friction):
-                D += mean_viscous_change(friction, sd, model.temperature) * ca.SX(ca.DM(np.outer(row, row)))
+                change = mean_viscous_change(friction, sd, model.temperature, *load)
+                D += change * ca.SX(ca.DM(np.outer(row, row)))
         return D
 
     def matrices(

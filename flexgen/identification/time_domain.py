@@ -46,7 +46,7 @@ SETTLED = 10.0  # time constants of the position control that simulations for de
 LAGS = 20
 SEEDS, SEED = 16, 7_919_000  # simulations with noise, and the first of their seeds, unlike those of `measure`
 ROUGH_DISTANCE = 2.0  # the same, of the first search
-FRICTION = ("viscous", "coulomb", "beta")  # of each motor and joint that has them
+FRICTION = ("viscous", "coulomb", "load_coulomb", "beta")  # of each motor and joint that has them
 
 
 class Simulated:
@@ -366,18 +366,18 @@ def _frictions(found: IdentificationResult) -> list[str]:
         f"{part}.{name}"
         for part, friction in parts
         for name in FRICTION
-        if getattr(friction, name, 0.0) > 0.0 and (name != "beta" or friction.coulomb > 0.0)
+        if getattr(friction, name, 0.0) > 0.0
+        and (name != "beta" or friction.coulomb > 0.0 or getattr(friction, "load_coulomb", 0.0) > 0.0)
     ]
 
 
 def _status(fit: Fit, cost: float, simulated: Simulated, found: IdentificationResult) -> FitStatus:
     if not fit.converged or fit.at_bound.any():
         return FitStatus.AT_BOUND if fit.converged else FitStatus.NOT_CONVERGED
-    relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(simulated.measured)
-    bent = simulated.local.springs or any(name.endswith(".coulomb") for name in _frictions(found))
+    bent = simulated.local.springs or any(name.endswith("coulomb") for name in _frictions(found))
     if found.status == FitStatus.MODEL_ERROR and not bent:  # the angles of one experiment show less than all responses
         return FitStatus.MODEL_ERROR
-    return FitStatus.MODEL_ERROR if cost > COST_MOST and relative > SMALL_ERROR else FitStatus.FITTED
+    return FitStatus.MODEL_ERROR if cost > COST_MOST else FitStatus.FITTED
 
 
 def _standard_deviation(spectra: np.ndarray) -> np.ndarray:

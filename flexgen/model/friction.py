@@ -60,8 +60,8 @@ def refuse_load(model: Any, what: str) -> None:
         raise ArgumentError(
             f"{what}: given {model.title}, whose motor {names[0]} has a friction that depends on the torque of its "
             "gear, expected motors without it, which only solve (within limits by lq), simulate, control, learn, "
-            "predict, fastest, plan_problem, command_positions, generate and exports other than that of MuJoCo take "
-            "into account; set load_coulomb, load_stribeck and load_smoothing of its friction to 0"
+            "predict, fastest, plan_problem, command_positions, identify, generate and exports other than that of "
+            "MuJoCo take into account; set load_coulomb, load_stribeck and load_smoothing of its friction to 0"
         )
 
 

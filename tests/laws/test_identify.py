@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gear_friction import loaded
 from identification_cases import NOISY, another, exact_responses, poses_of, small_plan, without_coulomb
 from measured_numbers import check_numbers
 from toolchain import needs_compiler
@@ -305,6 +306,28 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     checked, before = validate(fine, experiment), validate(replace(fine, x=fine.vector.start), experiment)
     assert min(checked.fit_percent) > 97 and 0.5 < checked.cost < 2.0 and max(checked.white) > 0.7
     assert before.cost > 5 * checked.cost and min(before.fit_percent) < min(checked.fit_percent)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_friction_of_the_load_is_found_and_missed_by_a_law_without_it():
+    """0.08 in the robot, 0.05 in the file; a law that fades less with the speed fits to 0.1 %, and is a model error."""
+    plan = flexgen.excite(
+        loaded("elbow"), poses=3, period_s=2.0, lines=30, speed_rms=0.3, hardware=NOISY, seed=1, progress=False
+    )
+    experiment = flexgen.measure(plan, loaded("elbow"), progress=False)
+    free = ["stiffness", "damping", "m1.load_coulomb", "m2.load_coulomb", "m2.coulomb", "m2.beta"]
+    found = {}
+    for fades in (0.04, 0.02):
+        model = loaded("elbow", load_coulomb=0.05, load_stribeck=fades)
+        coarse = flexgen.identify(model, flexgen.frf(experiment), free=FREE, starts=1, progress=False)
+        found[fades] = flexgen.refine(coarse, experiment, free=free, progress=False)
+    fine = found[0.04]
+    assert fine.status == FitStatus.FITTED and 0.5 < fine.cost < 2.0
+    away = errors(fine, truth_of(loaded("elbow"), free))
+    assert max(abs(away[name]) / fine.sd[name] for name in free[2:]) < 3.0
+    assert max(fine.sd[name] for name in free[2:]) < 0.02 and max(map(abs, away.values())) < 0.02
+    assert found[0.02].status == FitStatus.MODEL_ERROR and not any(found[0.02].sd.values())
 
 
 @needs_compiler

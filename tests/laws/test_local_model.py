@@ -8,6 +8,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from gear_friction import loaded, torque
 from identification_cases import poses_of
 from scipy.integrate import quad
 from shipped_models import elastic_models
@@ -26,21 +27,21 @@ DRIVE = Drive(5e-4, 2e-4)
 ELASTIC = elastic_models()
 
 
-def worst_slope(local: LocalModel, q_m: np.ndarray, speed_sd: np.ndarray | None) -> float:
+def worst_slope(
+    local: LocalModel, q_m: np.ndarray, speed_sd: np.ndarray | None, deflection_sd: np.ndarray | None = None
+) -> float:
     """Largest difference between derivatives and central differences, over the largest derivative."""
     values = np.where(local.values == 0, 1e-3, local.values)
-    exact = local.response(values, q_m, W, DRIVE, speed_sd=speed_sd).dG
+    sizes = {"speed_sd": speed_sd, "deflection_sd": deflection_sd}
+    exact = local.response(values, q_m, W, DRIVE, **sizes).dG
     assert exact is not None
     worst = 0.0
     for k, value in enumerate(values):
         # The error of a central difference falls with the square of its step; rounding of nearly singular poses of
         # rest rises with its inverse.
         step = 1e-4 * abs(value)
-        up, down = (
-            local.response(np.where(np.arange(len(values)) == k, values + s * step, values), q_m, W, DRIVE,
-                           speed_sd=speed_sd, derivatives=False).G
-            for s in (1.0, -1.0)
-        )  # fmt: skip
+        moved = [np.where(np.arange(len(values)) == k, values + s * step, values) for s in (1.0, -1.0)]
+        up, down = (local.response(x, q_m, W, DRIVE, **sizes, derivatives=False).G for x in moved)
         difference = np.abs((up - down) / (2 * step) - exact[..., k]).max()
         worst = max(worst, difference / max(np.abs(exact[..., k]).max(), 1e-300))
     return worst
@@ -105,6 +106,28 @@ def test_friction_has_the_same_mean_power(beta, sd):
     mean = 2 * sum(quad(power, a, b, epsabs=0, epsrel=1e-10)[0] for a, b in pairwise(edges))
     at_rest = 0.3 + 2.5 * beta
     assert change + at_rest == pytest.approx(mean / sd**2, rel=1e-5)
+
+
+@pytest.mark.parametrize(("load", "load_sd"), [(0.0, 0.0), (0.0, 3.0), (-4.0, 0.0), (2.0, 1.5), (0.1, 0.2)])
+def test_friction_of_the_load_has_the_same_mean_power(load, load_sd):
+    """Against sums over a fine grid of speeds and loads, by the equation of the documentation."""
+    law, sd, x = loaded("elbow").motors[0].friction, 1.3, [ca.SX.sym(name) for name in ("sd", "load", "load_sd")]
+    change = ca.Function("f", x, [mean_viscous_change(law, x[0], 20.0, x[1], x[2])])
+    t = np.linspace(-8.0, 8.0, 801)
+    weight = np.exp(-(t**2) / 2) / np.exp(-(t**2) / 2).sum()
+    at_rest = (torque(1e-7, load) - torque(-1e-7, load)) / 2e-7
+    for other, agrees in ((load_sd, True), (2 * load_sd + 1.0, False)):
+        power = weight @ (torque(sd * t[:, None], load + other * t) * sd * t[:, None]) @ weight
+        assert (abs(change(sd, load, load_sd) + at_rest - power / sd**2) < 1e-4 * power / sd**2) == agrees
+
+
+def test_derivatives_with_friction_of_the_load():
+    """Of a robot whose gears carry its weight; also where motion is known to load them."""
+    model = loaded("elbow")
+    local = LocalModel(model, ["stiffness", "m1.load_coulomb", "m2.coulomb"])
+    q_m, speeds = poses_of(model, 2, spread=0.3) @ model.eta.T, np.full(model.n_m, 0.3)
+    assert worst_slope(local, q_m, speeds) < 1e-5
+    assert worst_slope(local, q_m, speeds, np.full((2, 2), 1e-4)) < 1e-5
 
 
 def test_a_cubic_spring_is_averaged_in_closed_form():
