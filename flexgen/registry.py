@@ -1,19 +1,19 @@
 """What upper rooms and other packages add to the rooms below them, by group and name; imported when it is first used.
 
-============  ===================================================  ===================================================
-group         what a name refers to                                used by
-============  ===================================================  ===================================================
-``results``   a function: pictures, reports, searches              methods of results, such as ``Solution.plot``
-``methods``   a `flexgen.inversion.method_table.Method`            `flexgen.solve`
-``laws``      a class of feedback laws, `flexgen.loop.model_law`   `flexgen.control`, controller files
-``frictions`` a class, see `flexgen.model.friction`           the key ``type`` of friction in model files
-``exports``   a function, see `flexgen.exports.added`              `flexgen.export`, ``flexgen export``
-``devices``   a class, see `flexgen.runtime.library.Library`       `flexgen.load`
-============  ===================================================  ===================================================
+=============  ===================================================  ===================================================
+group          what a name refers to                                used by
+=============  ===================================================  ===================================================
+``results``    a function: pictures, reports, searches              methods of results, such as ``Solution.plot``
+``methods``    a `flexgen.inversion.method_table.Method`            `flexgen.solve`
+``laws``       a class of feedback laws, `flexgen.loop.model_law`   `flexgen.control`, controller files
+``frictions``  a class, see `flexgen.model.friction`                the key ``type`` of friction in model files
+``hysteresis`` a class, see `flexgen.spec.memory`                   the key ``type`` of hysteresis in model files
+``exports``    a function, see `flexgen.exports.added`              `flexgen.export`, ``flexgen export``
+``devices``    a class, see `flexgen.runtime.library.Library`       `flexgen.load`
+=============  ===================================================  ===================================================
 
 The front room, `flexgen`, hands down the tables of flexgen itself; no room below names a room above. Another package
-declares an entry point of the group ``flexgen.methods``, ``flexgen.laws``, ``flexgen.frictions`` or
-``flexgen.exports``:
+declares an entry point of such a group:
 
     [project.entry-points."flexgen.methods"]
     my_method = "my_package.method:METHOD"

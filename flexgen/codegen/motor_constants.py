@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,9 +117,10 @@ def motor_constants(
         return tuple(tuple(float(x) for x in row) for row in A)
 
     made, layers = gears(model), gear_layers(model)
-    laws = sorted({(layer.exponent[k], layer.gamma[k]) for layer in layers for k in layer.curved})
+    laws = sorted(
+        {layer.laws[k] for layer in layers for k in layer.curved}, key=lambda law: (type(law).__name__, astuple(law))
+    )
     numbers = {law: k for k, law in enumerate(laws)}
-    pairs = [list(zip(layer.exponent, layer.gamma, strict=True)) for layer in layers]
     return MotorConstants(
         i_g=model.i_g,
         i_e=model.i_e,
@@ -133,9 +134,9 @@ def motor_constants(
         gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
         hysteresis_stiffness=rows([layer.stiffness for layer in layers]),
         hysteresis_slip=rows([layer.slip for layer in layers]),
-        hysteresis_curve=tuple(tuple(numbers.get(law, -1) for law in layer) for layer in pairs),
+        hysteresis_curve=tuple(tuple(numbers.get(law, -1) for law in layer.laws) for layer in layers),
         hysteresis_bend=rows([layer.bend for layer in layers]),
-        curves=tuple((part, rows(table)) for part, table in (curve_of(*law).table() for law in laws)),
+        curves=tuple((part, rows(table)) for part, table in (curve_of(law).table() for law in laws)),
         lugre=_lugre(model),
         highest_harmonic=max((k for one in harmonic_sums(model).values() for k in one.harmonics), default=0),
         arm_side=(*(1.0,) * model.n_a, *(float(abs(model.eta[i]).max()) for i in model.i_m)),

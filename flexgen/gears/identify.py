@@ -26,6 +26,7 @@ from flexgen.model.format_robot import ELEMENTS
 from flexgen.model.friction import hysteretic_joints, refuse_harmonics
 from flexgen.progress import Choice, reported
 from flexgen.spec.fourier import HIGHEST, MOST
+from flexgen.spec.memory import Hysteresis
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_types
 
@@ -159,8 +160,11 @@ def _first_elements(robot: RobotModel, gears: Sequence[int], count: int | None, 
         raise ArgumentError(f"elements: given {show_value(count)}, expected a whole number from 1 to {ELEMENTS}")
     K, out = gear_stiffness(without_hysteresis(robot), np.inf), []
     for k in gears:
-        of_model = [(x.stiffness[k], x.slip[k], x.exponent[k], x.gamma[k]) for x in gear_layers(robot) if x.present[k]]
-        found = [Element(k, K_h, 2 * slip / K[k], n, gamma) for K_h, slip, n, gamma in of_model]
+        found = []
+        for x in (x for x in gear_layers(robot) if x.present[k]):
+            if not isinstance(law := x.laws[k], Hysteresis):
+                raise ArgumentError(f"hysteresis: given the law {type(law).__name__}, expected that of Bouc and Wen")
+            found.append(Element(k, x.stiffness[k], 2 * x.slip[k] / K[k], law.exponent, law.gamma))
         if count not in (None, len(found)) or not found:
             n = count or 1
             found = [Element(k, K[k] / n, LOST * 2.0 ** (j - (n - 1) / 2)) for j in range(n)]
@@ -273,9 +277,9 @@ class _Numbers:
         out = {}
         for k, at in self._elements():
             elements = [self.fit.sought.elements[n] for n in at]
+            shapes = [{"exponent": each.exponent, "gamma": each.gamma} for each in elements]
             out[f"{self._joint(k)[1]}.hysteresis"] = tuple(
-                {} if is_dahl(each.exponent, each.gamma) else {"exponent": each.exponent, "gamma": each.gamma}
-                for each in elements
+                {} if is_dahl(Hysteresis(1.0, 1.0, **shape)) else shape for shape in shapes
             )
         return out
 

@@ -367,7 +367,7 @@ def _content_digest(request: _Request) -> str:
     choices += [list(request.parts), *([] if request.solvers is None else [list(request.solvers)])]
     root = Path(__file__).resolve().parent.parent
     alone = ("spec/ports.py", "runtime/identity.py", "model/elements.py", "model/friction.py", "spec/parts.py")
-    sources = [*(root / path for path in alone), *added_sources(request.model.frictions)]
+    sources = [*(root / path for path in alone), *added_sources(request.model)]
     for folder in ("analysis", "codegen", "expressions", "library", "mechanics", "numerics", "recursion"):
         sources += sorted(path for path in (root / folder).iterdir() if path.suffix == ".py")
     sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))

@@ -137,7 +137,7 @@ def largest_rate(
     stiff = K + B @ np.diag(sum(layer.stiffness for layer in law.gears)) @ B.T + C @ np.diag(motors.stiffness) @ C.T
     swings = second_order.largest_rate(M, D + C @ np.diag(motors.damping) @ C.T, stiff)
     rates = np.abs(np.hstack([motion["v_a"], motion["v_m"][:, list(model.i_m)]]) @ B)
-    slips = rates * np.max([slope * x.exponent for slope, x in zip(law.slopes(), law.gears, strict=True)], axis=0)
+    slips = rates * np.max([slope * x.sharpness for slope, x in zip(law.slopes(), law.gears, strict=True)], axis=0)
     least = np.minimum(motors.coulomb, motors.static)[motors.present]
     slides = np.abs(motion["v_m"])[:, motors.present] * motors.stiffness[motors.present] / least
     return max(swings, float(slips.max(initial=0.0)), float(slides.max(initial=0.0)))

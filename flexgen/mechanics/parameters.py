@@ -37,7 +37,7 @@ from flexgen.spec.fourier import FourierSum
 from flexgen.spec.parts import GearFriction
 
 if TYPE_CHECKING:
-    from flexgen.spec.memory import Hysteresis
+    from flexgen.spec.memory import HysteresisLaw
 
 NOT_NEGATIVE = ">= 0"
 _SPRING_UNITS = {
@@ -234,7 +234,7 @@ def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
     error = _fourier_sum(gear.transmission_error, f"{name}.transmission_error", joint("rad"), key, visit)
     at, own = f"{key}.hysteresis", f"hysteresis of {part}"
 
-    def element(given: Hysteresis, n: str, place: str) -> Hysteresis:
+    def element(given: HysteresisLaw, n: str, place: str) -> HysteresisLaw:
         """``n``, ``place``: ends of its names, and of its key where there are several."""
         lost = Parameter(f"{name}.lost_motion{n}", given.lost_motion, joint("rad"), own, f"{at}{place}.lost_motion")
         stiff = Parameter(

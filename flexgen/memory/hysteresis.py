@@ -18,10 +18,12 @@ import numpy as np
 
 from flexgen.mechanics.force_laws import stiffness_at_zero
 from flexgen.mechanics.lagrangian import gears
-from flexgen.memory.hysteresis_law import curve_of, element_rate, is_dahl
+from flexgen.memory.hysteresis_law import bend_of, curve_of, is_dahl, law_rate, shape_of, sharpness_of
 from flexgen.model.elements import Dof, RobotModel
 from flexgen.model.friction import hysteretic_joints
-from flexgen.spec.memory import Hysteresis
+from flexgen.spec.memory import Hysteresis, HysteresisLaw
+
+PLAIN = Hysteresis(1.0, 1.0)  # where there is none
 
 
 @dataclass(frozen=True)
@@ -44,31 +46,34 @@ class GearHysteresis:
 
 @dataclass(frozen=True)
 class Layer(GearHysteresis):
-    """An element of each gear, with its ``exponent`` n and ``gamma`` (n_g,)."""
+    """An element of each gear, with its law (n_g), see `flexgen.memory.hysteresis_law.shape_of`."""
 
-    exponent: np.ndarray
-    gamma: np.ndarray
+    laws: tuple[HysteresisLaw, ...]
 
     @cached_property
     def curved(self) -> list[int]:
         """The gears whose element has another law than Dahl's."""
-        return [k for k, pair in enumerate(zip(self.exponent, self.gamma, strict=True)) if not is_dahl(*pair)]
+        return [k for k, law in enumerate(self.laws) if not is_dahl(law)]
 
     @property
     def bend(self) -> np.ndarray:
         """Bounds of the second derivatives of the curves, (n_g,)."""
-        return np.asarray(self.exponent * (np.abs(self.gamma) + 1.0 - self.gamma))
+        return np.array([bend_of(law) for law in self.laws])
+
+    @property
+    def sharpness(self) -> np.ndarray:
+        """How sharply they begin to slip, 1 for Dahl's law, (n_g,)."""
+        return np.array([sharpness_of(law) for law in self.laws])
 
     def rates(self, rate: ca.SX, z: ca.SX, slip: ca.SX | np.ndarray) -> ca.SX:
         """Rates of the torques ``z`` over K_h (n_g,), for rates of deflection; ``slip``: W in the units of z."""
-        numbers = zip(self.exponent, self.gamma, strict=True)
-        return ca.vertcat(*[element_rate(rate[k], z[k], slip[k], *pair) for k, pair in enumerate(numbers)])
+        return ca.vertcat(*[law_rate(law, rate[k], z[k], slip[k]) for k, law in enumerate(self.laws)])
 
     def paths(self, part: np.ndarray) -> np.ndarray:
         """Where on their curves elements are (n_g,) that begin with ``part`` s z/W; zero for those by Dahl's law."""
         out = np.zeros(len(part))
         for k in self.curved:
-            out[k] = curve_of(self.exponent[k], self.gamma[k]).path(np.clip(part[k], -1.0, 1.0))
+            out[k] = curve_of(self.laws[k]).path(np.clip(part[k], -1.0, 1.0))
         return out
 
     def along(
@@ -84,7 +89,7 @@ class Layer(GearHysteresis):
         z = end + (z_r - end) * fade * (1.0 - behind)
         rise = np.where(self.present, self.stiffness * (1.0 - s * z_r / self.divisor) * fade, 0.0)
         for k in self.curved:
-            curve = curve_of(self.exponent[k], self.gamma[k])
+            curve = curve_of(self.laws[k])
             y = curve.at(start[k] + passed[..., k])
             slope = curve.slope(y)
             z[..., k] = s[k] * self.slip[k] * (y + slope * behind[..., k])
@@ -92,9 +97,9 @@ class Layer(GearHysteresis):
         return z, rise
 
 
-def elements_of(hysteresis: Hysteresis | Sequence[Hysteresis] | None) -> tuple[Hysteresis, ...]:
+def elements_of(hysteresis: HysteresisLaw | Sequence[HysteresisLaw] | None) -> tuple[HysteresisLaw, ...]:
     """The elements of the hysteresis of a gear."""
-    if hysteresis is None or isinstance(hysteresis, Hysteresis):
+    if hysteresis is None or isinstance(hysteresis, HysteresisLaw):
         return () if hysteresis is None else (hysteresis,)
     return tuple(hysteresis)
 
@@ -105,13 +110,13 @@ def gear_layers(model: RobotModel) -> tuple[Layer, ...]:
     count = max((len(each) for each, _, _ in found), default=0)
     layers = []
     for layer in range(max(1, count)):
-        numbers = np.zeros((4, model.n_g))
-        numbers[2] = 1.0
+        numbers = np.zeros((2, model.n_g))
+        laws: list[HysteresisLaw] = [PLAIN] * model.n_g
         for k, (each, gear, ratio) in enumerate(found):
             if layer < len(each) and gear.spring is not None:
                 slip = each[layer].lost_motion * ratio**2 * stiffness_at_zero(gear.spring) / 2
-                numbers[:, k] = ratio**2 * each[layer].stiffness, slip, each[layer].exponent, each[layer].gamma
-        layers.append(Layer(*numbers))
+                numbers[:, k], laws[k] = (ratio**2 * each[layer].stiffness, slip), shape_of(each[layer])
+        layers.append(Layer(numbers[0], numbers[1], tuple(laws)))
     return tuple(layers)
 
 

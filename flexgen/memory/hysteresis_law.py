@@ -2,15 +2,15 @@
 
     z' = K_h (d' (1 - gamma |x|^n) - (1 - gamma) |d'| |x|^n sign(x)),    x = z/W
 
-Everything that needs the law calls `element_rate`, or the `Curve` that is made of it. Along a path u = K_h |d - d_r|/W
-in one direction s from a reversal the part y = s x obeys y' = g(y), the same equation for all elements with the same n
-and gamma: their torques are pieces of one curve.
+or that of another package, z' = K_h d' g(s x), s = sign(d'). Everything that needs the law calls `law_rate`, or the
+`Curve` that is made of it. Along a path u = K_h |d - d_r|/W in one direction s from a reversal the part y = s x obeys
+y' = g(y), the same equation for all elements whose laws have the same numbers: their torques are pieces of one curve.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -18,23 +18,77 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
+from flexgen.errors import ArgumentError
+from flexgen.spec.memory import Hysteresis, HysteresisLaw
+
 KNOTS, DEGREE, DENSE = 12, 7, 20.0  # of a curve: pieces in a unit over n, degree, halvings where powers are not smooth
 SLID = 40.0  # time constants with which y comes to 1, at the end of a curve
 PICARD, NEWTON = 40, 60  # iterations
 REACHED = 1e-13  # of y = 1, where curves in C end
+PARTS = np.linspace(-1.0, 1.0, 2001)  # at which a law of another package is checked
+EXACT = 1e-9  # of its curve, over the slip torque, and of its values at 0 and 1
+FLATTEST = 0.05  # of its fall before 1
 
 
-def is_dahl(exponent: float, gamma: float) -> bool:
+@lru_cache(256)
+def shape_of(element: HysteresisLaw) -> HysteresisLaw:
+    """The law of an element without its size: elements with the same one have the same curve.
+
+    Raises
+    ------
+    ArgumentError
+        It is an invalid law of another package.
+    """
+    if not isinstance(element, Hysteresis):
+        g = np.asarray(element_slope(PARTS, element), dtype=float) + 0.0 * PARTS
+        fits = np.isfinite(g).all() and (g[:-1] > 0.0).all() and abs(g[-1]) < EXACT and abs(g[1000] - 1.0) < EXACT
+        if not (fits and _end(element) >= FLATTEST):
+            found = f"{g[0]:.3g}, {g[1000]:.3g} and {g[-1]:.3g} at -1, 0 and 1, at least {g[:-1].min():.3g} before 1"
+            raise ArgumentError(
+                f"hysteresis law {type(element).__name__}: its slope(y) is {found}, expected 1 at 0, positive numbers "
+                f"before 1, and a fall to 0 at 1 with a slope of -{FLATTEST:g} or less"
+            )
+    return replace(element, lost_motion=1.0, stiffness=1.0)
+
+
+def is_dahl(law: HysteresisLaw) -> bool:
     """Whether the law is Dahl's, whose curve is an exponential function."""
-    return exponent == 1.0 and gamma == 0.0
+    return isinstance(law, Hysteresis) and law.exponent == 1.0 and law.gamma == 0.0
+
+
+@cache
+def bend_of(law: HysteresisLaw) -> float:
+    """A bound of the second derivative of the curve over its first one, ``|g'(y)|``."""
+    if isinstance(law, Hysteresis):
+        return law.exponent * (abs(law.gamma) + 1.0 - law.gamma)
+    return float(np.abs(np.gradient(element_slope(PARTS, law), PARTS)).max())
+
+
+def sharpness_of(law: HysteresisLaw) -> float:
+    """How sharply an element begins to slip, n of `Hysteresis`: 1 for Dahl's law."""
+    return law.exponent if isinstance(law, Hysteresis) else max(1.0, bend_of(law))
+
+
+def _end(law: HysteresisLaw) -> float:
+    """``-g'(1)``: how fast a sliding element comes to its slip torque."""
+    return law.exponent if isinstance(law, Hysteresis) else float(element_slope(PARTS, law)[-2] / (1.0 - PARTS[-2]))
+
+
+def law_rate(law: HysteresisLaw, rate: Any, z: Any, slip: Any) -> Any:
+    """Rate of the torque z over K_h; CasADi expressions or arrays, see `element_rate`."""
+    if isinstance(law, Hysteresis):
+        return element_rate(rate, z, slip, law.exponent, law.gamma)
+    x = z / slip
+    forward, back = element_slope(x, law), element_slope(-x, law)
+    return rate * (forward + back) / 2 + abs(rate) * (forward - back) / 2
 
 
 def element_rate(rate: Any, z: Any, slip: Any, exponent: Any, gamma: float) -> Any:
-    """Rate of the torque z over K_h: equation above; CasADi expressions or arrays.
+    """Rate of the torque z of `Hysteresis` over K_h: equation above; CasADi expressions or arrays.
 
     ``rate``: d' [rad/s]; ``z``, ``slip`` W: torques [N m], or parts of any torque; ``exponent``: an expression, too.
     """
-    if not isinstance(exponent, ca.SX) and is_dahl(exponent, gamma):
+    if not isinstance(exponent, ca.SX) and exponent == 1.0 and gamma == 0.0:  # Dahl's law
         return rate - abs(rate) * z / slip
     x = z / slip
     power = abs(x) ** exponent  # its derivative exists at zero, that of |x|^(n - 1) x in CasADi not
@@ -42,17 +96,20 @@ def element_rate(rate: Any, z: Any, slip: Any, exponent: Any, gamma: float) -> A
     return rate * (1.0 - gamma * power) - (1.0 - gamma) * abs(rate) * power * sign
 
 
-def element_slope(y: np.ndarray, exponent: float, gamma: float) -> np.ndarray:
+def element_slope(y: Any, law: HysteresisLaw) -> Any:
     """g(y) = dy/du, for parts y of the slip torque in the direction of the motion."""
-    return np.asarray(element_rate(1.0, np.asarray(y), 1.0, exponent, gamma))
+    if isinstance(law, Hysteresis):
+        return np.asarray(element_rate(1.0, np.asarray(y), 1.0, law.exponent, law.gamma))
+    if not hasattr(law, "slope"):
+        raise ArgumentError(f"hysteresis: given a {type(law).__name__}, expected a law with a method slope")
+    return law.slope(y)
 
 
 @dataclass(frozen=True)
 class Curve:
     """The part y of the slip torque over the path u, y(0) = 0: from y = -1 until it is 1."""
 
-    exponent: float
-    gamma: float
+    law: HysteresisLaw
     pieces: PPoly
 
     def at(self, u: np.ndarray) -> np.ndarray:
@@ -62,7 +119,7 @@ class Curve:
 
     def slope(self, y: np.ndarray) -> np.ndarray:
         """dy/du."""
-        return element_slope(y, self.exponent, self.gamma)
+        return np.asarray(element_slope(y, self.law))
 
     def table(self) -> tuple[tuple[int, int, int], np.ndarray]:
         """The pieces until y is 1 within `REACHED`, for C.
@@ -99,12 +156,20 @@ class Curve:
 
 
 @cache
-def curve_of(exponent: float, gamma: float) -> Curve:
-    """The curve of elements with these numbers: collocation polynomials between knots that are dense at y = 0."""
-    first = -quad(lambda y: 1.0 / float(element_slope(y, exponent, gamma)), -1.0, 0.0, epsabs=1e-14, epsrel=1e-13)[0]
+def curve_of(law: HysteresisLaw) -> Curve:
+    """The curve of elements with this law: collocation polynomials between knots that are dense at y = 0.
+
+    Raises
+    ------
+    ArgumentError
+        The law of another package has a curve that polynomials do not follow, or comes too slowly to 1.
+    """
+    exponent = sharpness_of(law)
+    first = -quad(lambda y: 1.0 / float(element_slope(y, law)), -1.0, 0.0, epsabs=1e-14, epsrel=1e-13)[0]
     size = 1.0 / KNOTS
     grown = 2.0 ** -np.arange(DENSE, -1.0, -1.0)
-    late = size * grown[-1] + np.arange(1.0, KNOTS * (exponent + 1.0 + SLID)) * size / exponent
+    longest = SLID * exponent / _end(law)
+    late = size * grown[-1] + np.arange(1.0, KNOTS * (exponent + 1.0 + longest)) * size / exponent
     before = max(1, int(np.ceil(KNOTS * exponent)))
     early = -np.arange(before, 0.0, -1.0) / before
     outward = np.concatenate([first * (1.0 + 1e-9) * early[:-1], first / before * grown[::-1]])
@@ -121,9 +186,24 @@ def curve_of(exponent: float, gamma: float) -> Curve:
         for k in order:
             width, values = knots[k + 1] - knots[k], np.full(DEGREE + 1, y)
             for _ in range(PICARD):
-                change = width * integrals @ element_slope(np.clip(values, -2.0, 1.0), exponent, gamma)
+                change = width * integrals @ element_slope(np.clip(values, -2.0, 1.0), law)
                 values = y + change - change[known]
             pieces[:, k] = powers @ (values - values[0]) / width ** np.arange(DEGREE, -1, -1)
             pieces[-1, k] = values[0]
             y = values[end]
-    return Curve(exponent, gamma, PPoly(pieces, knots))
+    curve = Curve(law, PPoly(pieces, knots))
+    return curve if isinstance(law, Hysteresis) else _check(curve)
+
+
+def _check(curve: Curve) -> Curve:
+    """The curve of a law of another package; ArgumentError where it does not obey the law, or does not come to 1."""
+    x = curve.pieces.x
+    y = curve.pieces(u := (x[1:] + x[:-1]) / 2)
+    off = float(np.abs(curve.pieces.derivative()(u) - curve.slope(np.clip(y, -1.0, 1.0))).max())
+    left = 1.0 - float(curve.pieces(x[-1]))
+    if not (off < EXACT and left < REACHED):
+        raise ArgumentError(
+            f"hysteresis law {type(curve.law).__name__}: its curve differs from its slope by {off:.1e} and ends "
+            f"{left:.1e} before 1, expected less than {EXACT:.0e} and {REACHED:.0e}; choose a smoother slope(y)"
+        )
+    return curve

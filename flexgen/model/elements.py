@@ -29,7 +29,7 @@ from flexgen.spec.parts import Tolerances
 from flexgen.type_checks import checked_result, checked_types
 
 if TYPE_CHECKING:
-    from flexgen.spec.memory import Hysteresis, LuGre
+    from flexgen.spec.memory import HysteresisLaw, LuGre
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
@@ -117,7 +117,7 @@ class Gear:
     side: str = "arm"  # or "motor": the side of the gear to which spring and damping refer
     spring: Spring | None = None  # None for a rigid gear
     damping: float = 0.0  # in parallel with the spring [N m s/rad or N s/m]
-    hysteresis: Hysteresis | tuple[Hysteresis, ...] | None = None  # or its elements
+    hysteresis: HysteresisLaw | tuple[HysteresisLaw, ...] | None = None  # or its elements
     transmission_error: FourierSum | None = None  # of the motor angle, e(q_m) [rad or m] at the joint
     torque_max: float | None = None  # at the joint [N m or N], and over the motion in the root mean square
     torque_rms_max: float | None = None
@@ -354,11 +354,6 @@ class RobotModel:
     def branched(self) -> bool:
         """Whether the elements are more than a chain that ends at the tool."""
         return [*self.parents.values(), self.tip] != ["base", *self.parents]
-
-    @property
-    def frictions(self) -> list[Friction]:
-        """Friction of the coordinates, then of the motors."""
-        return [c.dof.friction for c in self.coordinates if c.dof is not None] + [m.friction for m in self.motors]
 
     @property
     def title(self) -> str:

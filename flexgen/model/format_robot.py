@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -52,6 +52,7 @@ from flexgen.spec.parts import GearFriction
 from flexgen.spec.tables import Table
 
 HARMONICS = 6  # of a counterbalance
+BOUC_WEN = "bouc_wen"  # the law of hysteresis where none is named
 ELEMENTS = 8  # of the hysteresis of a gear
 COORDINATES_MAX = 64  # of the arm; the effort to derive and compile grows faster than their number
 _INERTIA_TOLERANCE = 1e-9  # relative to the largest principal moment
@@ -236,26 +237,33 @@ def _check_law(law: type[Friction], table: Table, here: Context) -> None:
 
 def _law(law: type[Friction]) -> Format:
     """The table of a friction law: its keys are the fields of its class."""
-    rows = []
-    for one in dataclasses.fields(law):
-        about = one.metadata
-        kind = number(least=None if about["signed"] else 0.0, most=about["most"])
-        rows.append(Key(one.name, kind, about["doc"], _either(about["unit"]), one.default))
+    rows = _numbers(law)
     rows[-1] = replace(rows[-1], check=partial(_check_law, law))
     return Format(law.about, tuple(rows), law)
 
 
+def _numbers(law: type) -> list[Key]:
+    """The keys of the numbers of a law: its fields made by `flexgen.model.friction.friction_key`."""
+    rows = []
+    for one in dataclasses.fields(law):
+        if about := one.metadata:
+            kind = number(least=None if about["signed"] else 0.0, most=about["most"])
+            rows.append(Key(one.name, kind, about["doc"], _either(about["unit"]), one.default))
+    return rows
+
+
 class _Laws(Mapping[str, Format]):
-    """The tables of all friction laws; other packages are asked last, since that takes time."""
+    """The tables of all laws, ``own`` of flexgen and a group of entry points, which take time: they are asked last."""
+
+    def __init__(self, own: Iterable[str], group: str, table: Callable[[str], Format]) -> None:
+        self.own, self.group, self.table = tuple(own), group, table
 
     def __getitem__(self, kind: str) -> Format:
-        from flexgen.model.friction import friction_law
-
-        return _law(FRICTION_LAWS.get(kind) or friction_law(kind))
+        return self.table(kind)
 
     def __iter__(self) -> Iterator[str]:
-        yield from FRICTION_LAWS
-        yield from (name for name in added_names("frictions") if name not in FRICTION_LAWS)
+        yield from self.own
+        yield from (name for name in added_names(self.group) if name not in self.own)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -263,14 +271,29 @@ class _Laws(Mapping[str, Format]):
 
 def friction() -> Kinds:
     """The friction laws."""
-    return Kinds("friction law", _Laws(), default=next(iter(FRICTION_LAWS)), strict=False, definition="friction")
+    from flexgen.model.friction import find_law
+
+    def table(kind: str) -> Format:
+        return _law(FRICTION_LAWS.get(kind) or find_law("frictions", kind, Friction, "torque"))
+
+    laws = _Laws(FRICTION_LAWS, "frictions", table)
+    return Kinds("friction law", laws, default=laws.own[0], strict=False, definition="friction")
 
 
-def hysteresis() -> Format:
+def hysteresis() -> Kinds:
     """The hysteresis of a gear."""
-    from flexgen.spec.memory import HYSTERESIS
+    from flexgen.model.friction import find_law
+    from flexgen.spec.memory import HYSTERESIS, HysteresisLaw
 
-    return HYSTERESIS
+    def table(kind: str) -> Format:
+        if kind == BOUC_WEN:
+            return HYSTERESIS
+        law = find_law("hysteresis", kind, HysteresisLaw, "slope")
+        sizes = tuple(HYSTERESIS[one.name] for one in dataclasses.fields(HysteresisLaw))
+        return Format(law.__doc__ or kind, (*sizes, *_numbers(law)), law)
+
+    laws = _Laws([BOUC_WEN], "hysteresis", table)
+    return Kinds("hysteresis law", laws, default=BOUC_WEN, strict=False, definition="hysteresis")
 
 
 def lugre() -> Format:

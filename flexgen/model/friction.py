@@ -6,9 +6,8 @@ The torque of a law is in `flexgen.mechanics.force_laws`; a law of another packa
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from flexgen.errors import ArgumentError
 from flexgen.registry import extension
@@ -17,24 +16,29 @@ from flexgen.spec.parts import GearFriction as GearFriction
 from flexgen.spec.parts import friction_key as friction_key
 
 NO_FRICTION = Friction()
+Law = TypeVar("Law")
 
 # Value of the key ``type`` in the model file -> law. A new law is a subclass of Friction with its own numbers, one
 # entry here, and its torque in `flexgen.mechanics.force_laws`; the first entry is the default.
 FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction, "gear": GearFriction}
 
 
-def friction_law(name: str) -> type[Friction]:
+def find_law(group: str, name: str, base: type[Law], method: str) -> type[Law]:
     """The law that another package has added under a name; ArgumentError where it is none."""
-    law = extension("frictions", name)
-    if not (isinstance(law, type) and issubclass(law, Friction) and hasattr(law, "torque")):
-        what = f"given {law!r}, expected a subclass of Friction with a method torque"
-        raise ArgumentError(f"entry point {name} of flexgen.frictions: {what}")
+    law = extension(group, name)
+    if not (isinstance(law, type) and issubclass(law, base) and hasattr(law, method)):
+        what = f"given {law!r}, expected a subclass of {base.__name__} with a method {method}"
+        raise ArgumentError(f"entry point {name} of flexgen.{group}: {what}")
     return law
 
 
-def added_sources(laws: Iterable[Friction]) -> list[Path]:
-    """The files with those of these laws that other packages have added."""
-    modules = [sys.modules.get(type(law).__module__) for law in laws if type(law) not in FRICTION_LAWS.values()]
+def added_sources(model: Any) -> list[Path]:
+    """The files with the laws of friction and hysteresis of a `RobotModel` that other packages have added."""
+    dofs = [coordinate.dof for coordinate in model.coordinates if coordinate.dof is not None]
+    found = [dof.gear.hysteresis for dof in dofs if dof.gear is not None and dof.gear.hysteresis is not None]
+    elements = (one for each in found for one in (each if isinstance(each, tuple) else (each,)))
+    laws = (*(part.friction for part in (*dofs, *model.motors)), *elements)
+    modules = [sys.modules.get(type(law).__module__) for law in laws if not type(law).__module__.startswith("flexgen.")]
     return sorted({Path(file) for module in modules if (file := getattr(module, "__file__", None))})
 
 

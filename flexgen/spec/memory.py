@@ -14,20 +14,32 @@ SHARPEST = 20.0  # exponent of an element of hysteresis, at most
 
 
 @dataclass(frozen=True)
-class Hysteresis:
+class HysteresisLaw:
     """Hysteresis of a gear, or one of its elements: a torque z in parallel with the spring, after the deflection d.
 
-        z' = K_h (d' (1 - gamma |x|^n) - (1 - gamma) |d'| |x|^n sign(x)),    x = z/W
+        z' = K_h d' g(s z/W),    s = sign(d')
 
-    with the torque W = K lost_motion/2 at which it slips; K: stiffness of the spring at zero. This is the law of Bouc
-    and Wen, with n = 1 and gamma = 0 that of Dahl, ``z' = K_h (d' - |d'| z/W)``, with a large n Coulomb friction behind
-    a spring. Several elements add up to Maxwell's slip model.
-
-    Sources: P. R. Dahl, AIAA Journal 14(12), 1976; Y.-K. Wen, J. Eng. Mech. Div. ASCE 102(2), 1976.
+    with the torque W = K lost_motion/2 at which it slips; K: stiffness of the spring at zero. A law of another package
+    is a subclass with its own numbers and a method ``slope(y)``: g of an array or a CasADi expression, for y from -1 to
+    1. It is smooth, positive before 1, g(0) = 1, g(1) = 0, and g'(1) < 0.
     """
 
     lost_motion: float  # at the joint: width of the hysteresis at zero torque, 2 W/K [rad or m]
     stiffness: float  # K_h, added after a reversal [N m/rad or N/m], on the side of the spring
+
+
+@dataclass(frozen=True)
+class Hysteresis(HysteresisLaw):
+    """The law of Bouc and Wen.
+
+        z' = K_h (d' (1 - gamma |x|^n) - (1 - gamma) |d'| |x|^n sign(x)),    x = z/W
+
+    With n = 1 and gamma = 0 it is that of Dahl, ``z' = K_h (d' - |d'| z/W)``, with a large n Coulomb friction behind a
+    spring. Several elements add up to Maxwell's slip model.
+
+    Sources: P. R. Dahl, AIAA Journal 14(12), 1976; Y.-K. Wen, J. Eng. Mech. Div. ASCE 102(2), 1976.
+    """
+
     exponent: float = 1.0  # n
     gamma: float = 0.0
 

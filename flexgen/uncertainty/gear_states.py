@@ -15,24 +15,24 @@ from functools import cached_property
 import numpy as np
 
 from flexgen.memory.hysteresis import gear_layers
-from flexgen.memory.hysteresis_law import element_rate
+from flexgen.memory.hysteresis_law import element_slope
 from flexgen.model.elements import RobotModel
+from flexgen.spec.memory import HysteresisLaw
 
 
 @dataclass(frozen=True)
 class Gears:
-    """Elements of some robots: ``K``, ``W`` (robots, layers, n_g), and ``n``, ``gamma`` (layers, n_g) of all."""
+    """Elements of some robots: ``K``, ``W`` (robots, layers, n_g), and the laws of the layers of all."""
 
     K: np.ndarray
     W: np.ndarray
-    n: np.ndarray
-    gamma: np.ndarray
+    of_layers: tuple[tuple[HysteresisLaw, ...], ...]
 
     @cached_property
-    def laws(self) -> list[tuple[float, float, np.ndarray]]:
-        """Each exponent and gamma, and the elements (layers, n_g) that have it."""
-        pairs = {(float(n), float(g)) for n, g in zip(self.n.ravel(), self.gamma.ravel(), strict=True)}
-        return [(n, g, (self.n == n) & (self.gamma == g)) for n, g in sorted(pairs)]
+    def laws(self) -> list[tuple[HysteresisLaw, np.ndarray]]:
+        """Each law, and the elements (layers, n_g) that have it."""
+        found = dict.fromkeys(law for layer in self.of_layers for law in layer)
+        return [(law, np.array([[law == each for each in layer] for layer in self.of_layers])) for law in found]
 
     @property
     def weights(self) -> tuple[np.ndarray, np.ndarray]:
@@ -48,8 +48,8 @@ class Gears:
         """dz/dp in the direction ``s``."""
         x = s[..., None, :] * np.clip(z / self.largest, -1.0, 1.0)
         slopes = np.empty(x.shape)
-        for n, gamma, own in self.laws:
-            slopes[..., own] = element_rate(1.0, x[..., own], 1.0, n, gamma)
+        for law, own in self.laws:
+            slopes[..., own] = element_slope(x[..., own], law)
         return np.where(self.W > 0.0, self.K * slopes, 0.0)
 
     def step(self, z: np.ndarray, dp: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ def gears_of(models: list[RobotModel]) -> Gears:
     """The elements of robots of one kind."""
     layers = [gear_layers(model) for model in models]
     K, W = (np.array([[getattr(x, name) for x in each] for each in layers]) for name in ("stiffness", "slip"))
-    return Gears(K, W, *(np.array([getattr(x, name) for x in layers[0]]) for name in ("exponent", "gamma")))
+    return Gears(K, W, tuple(layer.laws for layer in layers[0]))
 
 
 def gear_rows(model: RobotModel) -> np.ndarray:

@@ -27,6 +27,7 @@ py-modules = ["stranger"]
 "flexgen.exports".inertias = "stranger:write_inertias"
 "flexgen.frictions".quadratic = "stranger:Quadratic"
 "flexgen.laws".quiet = "stranger:Quiet"
+"flexgen.hysteresis".logistic = "stranger:Logistic"
 """
 MODULE = """
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ from flexgen.inversion.method_table import Method
 from flexgen.inversion.methods.lq import solve as lq
 from flexgen.laws.lq import LQG
 from flexgen.model.elements import Friction, friction_key
+from flexgen.spec.memory import HysteresisLaw
 
 METHOD = Method("softened", "lq, with a message", "stranger", "softened")
 def softened(problem, h):
@@ -52,6 +54,12 @@ class Quadratic(Friction):
         return self.viscous * w + self.quadratic * w * ca.fabs(w)
 
 @dataclass(frozen=True)
+class Logistic(HysteresisLaw):
+    bend: float = friction_key("1", default=0.5)
+    def slope(self, y):
+        return (1 - y) * (1 + self.bend * y)
+
+@dataclass(frozen=True)
 class Quiet(LQG):
     rho: float = 1e4
 """
@@ -64,6 +72,12 @@ friction = {"type": "quadratic", "viscous": 0.5, "quadratic": 0.25}
 model = flexgen.read("planar5_nmp", overrides={"motor.m1.friction": friction})
 print(np.array(flexgen.derive(model).function("motor_friction")(np.array([-3.0, 2.0]))).ravel()[0])
 print(flexgen.describe(model)["motors"][0]["friction"]["type"], "quadratic" in str(flexgen.schema()))
+loop = {"type": "logistic", "lost_motion": 1e-4, "stiffness": 2e5, "bend": 0.25}
+lossy = flexgen.read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.hysteresis": loop})
+solved, file = flexgen.solve(lossy, progress=False), flexgen.export_urdf(lossy, "lossy.urdf").details["overlay"]
+print(solved.status, solved.tool_error_max_m < 5e-8, flexgen.read(file).coordinates[0].dof.gear.hysteresis)
+made = flexgen.generate(lossy, "lossy", build=False).directory
+print("hysteresis_curve[" in "".join(path.read_text() for path in made.rglob("*.[ch]")))
 print(flexgen.export("inertias", "planar5_nmp", "inertias.csv").files[0])
 """
 
@@ -76,7 +90,7 @@ def environment(tmp_path_factory):
     (folder / "pyproject.toml").write_text(PROJECT, encoding="utf-8")
     (folder / "stranger.py").write_text(MODULE, encoding="utf-8")
     lines = [line for text in (PROJECT, MODULE) for line in text.splitlines() if line.strip()]
-    assert len([line for line in MODULE.splitlines() if line.strip()]) <= 30 and len(lines) <= 40
+    assert len([line for line in MODULE.splitlines() if line.strip()]) <= 30 and len(lines) <= 45
     command = "-m pip install --quiet --no-deps --no-index --no-build-isolation --no-compile --target"
     subprocess.run([sys.executable, *command.split(), str(folder / "site"), str(folder)], check=True)
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder / "site"), str(ROOT)])}
@@ -95,7 +109,8 @@ def test_extensions_are_used_from_python(environment, tmp_path):
     method, status, difference = lines[0].split()
     assert (method, status) == ("softened", "solved") and float(difference) == 0.0
     assert float(lines[1]) == pytest.approx(0.5 * -3.0 - 0.25 * 9.0, rel=1e-15)
-    assert lines[2:] == ["quadratic True", "inertias.csv"]
+    assert lines[2] == "quadratic True" and lines[-1] == "inertias.csv"
+    assert lines[3:-1] == ["solved True Logistic(lost_motion=0.0001, stiffness=200000.0, bend=0.25)", "True"]
     assert (tmp_path / "inertias.csv").read_text(encoding="utf-8").count(",") == 1
 
 
@@ -106,6 +121,10 @@ def test_extensions_are_used_from_the_command_line(environment, tmp_path):
     assert "wrote i.csv" in text and (tmp_path / "i.csv").is_file()
     changed = ["--set", 'motor.m1.friction={type="quadratic", viscous=0.5, quadratic=0.25}']
     assert "quadratic" in run(environment, tmp_path, *cli, "describe", "planar5_nmp", *changed, "--json")
+    loop = '{type="logistic", lost_motion=1e-4, stiffness=2e5, bent=1.0}'
+    loop = ["--set", f"element.arm1.dof.q1.gear.hysteresis={loop}"]
+    text = run(environment, tmp_path, *cli, "describe", "planar5_nmp", *loop, fails=True)
+    assert "bent: given an unknown key, expected bend (there are: bend, lost_motion, stiffness, type)" in text
     wrong = ["--set", 'motor.m1.friction={type="cubic"}']
     assert "expected one of gear, quadratic, smooth" in run(
         environment, tmp_path, *cli, "describe", "planar5_nmp", *wrong, fails=True

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import pytest
-from hysteretic import ARCMIN, BENT, SLIPS, Element, error_in_mujoco, error_with_elements, hysteretic, with_elements
+from hysteretic import (
+    ARCMIN,
+    BENT,
+    SLIPS,
+    Element,
+    LogisticElement,
+    error_in_mujoco,
+    error_with_elements,
+    hysteretic,
+    with_elements,
+    with_law,
+)
 
 import flexgen
 from flexgen.exports.mujoco_checks import with_friction
@@ -70,3 +81,13 @@ def test_mujoco_with_several_elements_follows_the_path(name: str, elements: Sequ
     unknown, known, wrong = (error_with_elements(name, path, elements) for path in (plain, *found))
     assert known < KNOWN < 3e-5 < unknown
     assert wrong < WRONG * unknown
+
+
+def test_mujoco_with_a_law_of_another_package_follows_the_path() -> None:
+    """Known, and with lost motions that are 20 % too large."""
+    found = [flexgen.solve(with_law("elbow", factor), progress=False) for factor in (1.0, 1.2)]
+    assert [solution.status for solution in found] == ["solved"] * 2
+    known, wrong = (error_with_elements("elbow", x.trajectory, [LogisticElement(1.0, 0.5)]) for x in found)
+    plain = flexgen.solve(with_friction(flexgen.read("elbow"), "viscous"), progress=False).trajectory
+    unknown = error_with_elements("elbow", plain, [LogisticElement(1.0, 0.5)])
+    assert known < 1e-10 < 1e-7 < wrong < 1e-6 < 3e-5 < unknown

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clib_planted import plant_in_c
-from hysteretic import ARCMIN, BENT, SLIPS, Element, hysteretic, with_elements
+from hysteretic import ARCMIN, BENT, SLIPS, Element, hysteretic, with_elements, with_law
 from states_in_c import (
     GEARS,
     HORIZON,
@@ -61,6 +61,8 @@ def elbow(kind: str) -> flexgen.RobotModel:
         undamped = {f"{gear}.damping": 0.0 for gear in GEARS.values()} if kind == "bent undamped" else {}
         elements = (*SLIPS[:1], *BENT) if kind == "bent and dahl" else BENT if kind.startswith("bent") else SHARP
         return with_elements("elbow", elements, **undamped)
+    if kind == "of others":
+        return with_law("elbow", **{f"{GEARS['q1']}.damping": 0.0})
     if kind.startswith("several"):
         undamped = {f"{gear}.damping": 0.0 for gear in GEARS.values()} if kind == "several undamped" else {}
         return with_elements("elbow", SLIPS, **undamped)
@@ -79,6 +81,7 @@ def elbow(kind: str) -> flexgen.RobotModel:
     [
         "undamped",
         "several",
+        "of others",
         *(pytest.param(x, marks=pytest.mark.slow) for x in ("damped", "slow", "mixed", "cubic", "one")),
         *(pytest.param(x, marks=pytest.mark.slow) for x in ("several undamped", "two and one")),
         *(pytest.param(x, marks=pytest.mark.slow) for x in ("bent", "bent undamped", "bent and dahl", "sharp")),
@@ -117,7 +120,13 @@ def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(
 
 @pytest.mark.parametrize(
     "kind",
-    ["undamped", "several", "bent", *(pytest.param(x, marks=pytest.mark.slow) for x in ("damped", "several undamped"))],
+    [
+        "undamped",
+        "several",
+        "bent",
+        "of others",
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ("damped", "several undamped")),
+    ],
 )
 def test_streams_are_whole_paths(kind: str) -> None:
     """Whatever they carry from update to update."""

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from hysteretic import ARCMIN, BENT, SLIPS, Element, hysteretic, joint_stiffness, with_elements
+from hysteretic import ARCMIN, BENT, SLIPS, Element, Logistic, hysteretic, joint_stiffness, with_elements
 from numpy.testing import assert_allclose
 from scipy.integrate import quad, simpson, solve_ivp
 from scipy.special import hyp2f1
 
 import flexgen
-from flexgen.errors import ModelError
+from flexgen.errors import ArgumentError, ModelError
 from flexgen.memory import hysteresis as layers_of
 from flexgen.memory import hysteresis_law as law
 from flexgen.memory.hysteresis import gear_layers, torque_along
 from flexgen.memory.hysteretic_gears import hysteretic_deflections
 from flexgen.reports.texts import description_text
+from flexgen.spec.memory import Hysteresis
 
 KEY = "element.upper.dof.q1.gear"
 DAMPINGS = (f"{KEY}.damping", "element.fore.dof.q2.gear.damping")
@@ -51,7 +53,7 @@ def samples(t: np.ndarray, size: float) -> np.ndarray:
 @pytest.mark.parametrize(("n", "gamma"), LAWS)
 def test_the_curve_is_the_hypergeometric_function(n: float, gamma: float) -> None:
     """u = y F(1, 1/n; 1 + 1/n; y^n) while the torque grows, with -(1 - 2 gamma) |y|^n while it falls to zero."""
-    curve = law.curve_of(n, gamma)
+    curve = law.curve_of(Hysteresis(1.0, 1.0, n, gamma))
     y = np.linspace(1e-6, 0.999, 400)
     grows = y * hyp2f1(1, 1 / n, 1 + 1 / n, y**n)
     falls = -y * hyp2f1(1, 1 / n, 1 + 1 / n, -(1 - 2 * gamma) * y**n)
@@ -59,6 +61,35 @@ def test_the_curve_is_the_hypergeometric_function(n: float, gamma: float) -> Non
     assert_allclose(curve.at(falls), -y, rtol=0, atol=3e-12)
     assert_allclose(curve.path(np.concatenate([y, -y])), np.concatenate([grows, falls]), rtol=1e-8, atol=3e-12)
     assert curve.at(np.array([1e9])) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_the_curve_of_a_law_of_another_package_is_its_solution() -> None:
+    """y = (E - 1)/(E + bend), E = exp((1 + bend) u); it is that of Dahl's law for bend = 0."""
+    u = np.linspace(-0.3, 40.0, 2000)
+    for bend in (0.6, 0.0, -0.4):
+        E = np.exp((1.0 + bend) * u)
+        exact = (E - 1.0) / (E + bend)
+        curve = law.curve_of(law.shape_of(Logistic(1e-4, 1e5, bend)))
+        assert_allclose(curve.at(u), exact, rtol=0, atol=1e-10)
+        assert_allclose(curve.path(exact[:400]), u[:400], rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("slope", "told"),
+    [
+        (lambda y: 1.1 - y, "its slope.y. is 2.1, 1.1 and 0.1 at -1, 0 and 1, at least 0.1"),
+        (lambda y: (1.0 - y) * (1.0 - 3.0 * y), "expected 1 at 0, positive numbers before 1"),
+        (lambda y: np.nan * y, "is nan"),
+        (lambda y: (1.0 - y) ** 2, "a fall to 0 at 1 with a slope of -0.05 or less"),
+        (lambda y: (1.0 - y) * (1.0 + 0.5 * np.abs(y - 0.3) - 0.15), "choose a smoother slope"),
+    ],
+)
+def test_invalid_laws_of_other_packages_are_refused(slope, told, monkeypatch: pytest.MonkeyPatch) -> None:
+    law.shape_of.cache_clear()
+    law.curve_of.cache_clear()
+    monkeypatch.setattr(Logistic, "slope", lambda self, y: slope(y))
+    with pytest.raises(ArgumentError, match=f"hysteresis law Logistic.*{told}"):
+        law.curve_of(law.shape_of(Logistic(1e-4, 1e5, 0.123)))
 
 
 @pytest.mark.parametrize(("n", "gamma"), LAWS)
@@ -159,7 +190,10 @@ def test_planted_errors_of_the_law_are_found(planted: str, monkeypatch: pytest.M
     model, right = elbow(BENT, None), solved()
     assert right.status == "solved" and right.tool_error_max_m < 2e-8
     own = law.curve_of
-    changes = {"gamma": lambda n, gamma: own(n, -0.5 * gamma), "exponent": lambda n, gamma: own(n + 0.2, gamma)}
+    changes = {
+        "gamma": lambda law: own(replace(law, gamma=-0.5 * law.gamma)),
+        "exponent": lambda law: own(replace(law, exponent=law.exponent + 0.2)),
+    }
     if planted == "one element":
         from flexgen.memory import hysteretic_gears as stage
 

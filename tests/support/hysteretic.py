@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ import numpy as np
 import flexgen
 from flexgen.exports.mujoco import mjcf
 from flexgen.exports.mujoco_checks import with_friction
+from flexgen.model.friction import friction_key
+from flexgen.spec.memory import HysteresisLaw
 from flexgen.trajectory import Trajectory
 
 ARCMIN = np.pi / 180 / 60
@@ -54,6 +56,24 @@ class Element:
         return z + h / 6 * (k1 + 2 * k2 + 2 * k3 + self.slope(z + h * k3, s, K))
 
 
+@dataclass(frozen=True)
+class Logistic(HysteresisLaw):
+    """A law that another package may add: ``z' = K_h d' (1 - s x)(1 + bend s x)``."""
+
+    bend: float = friction_key("1", default=0.6)
+
+    def slope(self, y: Any) -> Any:
+        return (1.0 - y) * (1.0 + self.bend * y)
+
+
+class LogisticElement(Element):
+    """The same in numbers."""
+
+    def slope(self, z: float, s: float, K: float) -> float:
+        x = s * z / (0.5 * self.lost * ARCMIN * K)
+        return self.stiffness * K * (1.0 - x) * (1.0 + 0.6 * x)
+
+
 SLIPS = (Element(0.2, 0.5), Element(0.3, 0.3), Element(0.5, 0.2))  # of one arcmin in all
 BENT = (Element(0.2, 0.5, 1.0, 0.3), Element(0.3, 0.3, 2.0, 0.5), Element(0.5, 0.2, 3.7, -0.4))
 
@@ -74,6 +94,20 @@ def with_elements(name: str, elements: Sequence[Element], factor: float = 1.0, *
                     for each in elements
                 ]
     return with_friction(flexgen.read(name, overrides=made), "viscous")
+
+
+def with_law(name: str, factor: float = 1.0, **overrides: Any) -> flexgen.RobotModel:
+    """A model of models/ whose elastic gears have hysteresis by `Logistic`, ``factor`` arcmin, K_h = K/2."""
+    model = hysteretic(name, factor * ARCMIN, 0.5, **overrides)
+
+    def changed(dof: Any) -> Any:
+        if dof.gear is None or dof.gear.hysteresis is None:
+            return dof
+        own = dof.gear.hysteresis
+        return replace(dof, gear=replace(dof.gear, hysteresis=Logistic(own.lost_motion, own.stiffness)))
+
+    elements = (replace(element, dofs=tuple(map(changed, element.dofs))) for element in model.elements)
+    return replace(model, elements=tuple(elements))
 
 
 def joint_stiffness(model: flexgen.RobotModel) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hysteretic import with_law
 from measured_numbers import check_numbers
 from numpy.testing import assert_allclose
 from toolchain import needs_compiler
@@ -172,6 +173,8 @@ def test_elements_begin_as_those_of_the_model_or_as_fractions_of_the_spring() ->
     assert [(x.K_h, x.exponent, x.gamma) for x in own] == [(3e3, 2.0, 0.0), (1e3, 3.0, 0.3)]
     assert_allclose([x.lost for x in own], [2e-4, 4e-4])
     assert len(identify._first_elements(bent, (0,), 1, False)) == 1
+    with pytest.raises(ArgumentError, match="given the law Logistic, expected that of Bouc and Wen"):
+        identify._first_elements(with_law("elbow"), (0,), None, False)
 
 
 @pytest.mark.parametrize("given", [0, 9, True])

@@ -27,6 +27,7 @@ from flexgen.mechanics.equations import derive
 from flexgen.memory.hysteresis_law import curve_of
 from flexgen.paths.redundancy import _Follower
 from flexgen.recursion.dh_chain import snap
+from flexgen.spec.memory import Hysteresis
 from flexgen.spec.variants import add_variant
 from flexgen.version import __version__
 
@@ -135,7 +136,7 @@ def test_a_library_is_compared_with_the_equations() -> None:
 @pytest.mark.parametrize(("exponent", "gamma"), [(1.0, 0.3), (2.0, 0.5), (3.7, -0.4)])
 def test_the_table_of_a_curve_in_c_is_the_curve(exponent: float, gamma: float) -> None:
     """Each row holds until the next one begins; the last one ends where the torque slips."""
-    curve = curve_of(exponent, gamma)
+    curve = curve_of(Hysteresis(1.0, 1.0, exponent, gamma))
     (first, dense, late), rows = curve.table()
     begins = rows[:, 0]
     assert first == 0 and begins[dense] < 0.0 < begins[late] and (np.diff(begins) > 0).all()
