@@ -31,12 +31,8 @@ from flexgen.mechanics.limit_use import edges_of_curves
 from flexgen.model.elements import RobotModel
 from flexgen.runtime.library import Library
 
-STATUSES = (
-    "done",
-    "not finite",
-    "controller failed",
-    "the sample time is too long for the states of gears or frictions",
-)
+NOT_FINITE, TOO_LONG = "not finite", "gears or frictions slip too fast for the integration steps"
+STATUSES = ("done", NOT_FINITE, "controller failed", TOO_LONG)
 STEP_TIMES_RATE, LARGEST_STEP_TIMES_RATE = 1.0, 2.5  # of the Runge-Kutta method; stable below 2.78
 MOST_STEPS = 1000  # a sample
 MOST_DELAY = 64  # samples

@@ -22,7 +22,7 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.loop.case import SAMPLE_S, Case, control_case, with_wall
-from flexgen.loop.closed_loop import TOOL, ClosedLoop
+from flexgen.loop.closed_loop import MOST_STEPS, TOO_LONG, TOOL, ClosedLoop
 from flexgen.loop.controllers import Linear
 from flexgen.loop.hardware import SensorChannels
 from flexgen.loop.interface import Controller
@@ -32,13 +32,14 @@ from flexgen.loop.result import ControlRun, PlantRun, output_errors
 from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.process_force import scale_force
-from flexgen.progress import Choice, reported
+from flexgen.progress import Choice, Progress, reported
 from flexgen.spec.arguments import check_not_negative, is_number
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_types
 
 CHUNK = 2000  # samples between two progress messages
 PARTS = 40  # of the reference with gains of their own
+FINER = (4, 4, 4)  # more steps, one after the other, where gears or frictions slip faster than in the planned motion
 
 
 @checked_types(own=("plants", "force", "assumed_force"))
@@ -134,13 +135,9 @@ def control(
 
 
 def _solve_assuming(
-    model: str | FilePath | RobotModel | Equations,
-    move: str | Move | None,
-    force: Any,
-    assumed: Any,
-    solution: Solution | None,
-    progress: Callable[[str], None] | None,
-) -> Solution | None:
+    model: str | FilePath | RobotModel | Equations, move: str | Move | None, force: Any, assumed: Any,
+    solution: Solution | None, progress: Progress | None,
+) -> Solution | None:  # fmt: skip
     """The solution of a move with the force that the feedforward assumes; as it is given without a force."""
     if force is None and assumed is None:
         return solution
@@ -179,14 +176,17 @@ def _beside_the_state(controller: Linear, model: RobotModel) -> Linear:
 
 
 def run_case(
-    case: Case,
-    controller: Controller,
-    name: str,
-    *,
-    steps: int | None = None,
-    progress: Callable[[str], None] | None = None,
+    case: Case, controller: Controller, name: str, *, steps: int | None = None, progress: Progress | None = None
 ) -> ControlRun:
-    """Simulate all robots of a case under a controller."""
+    """Simulate all robots of a case under a controller, in ``steps`` a sample, by default as many as they need."""
+    run = _run(case, controller, name, steps, progress)
+    for finer in FINER if steps is None else ():
+        if any(robot.failure == TOO_LONG for robot in run.runs):
+            run = _run(case, controller, name, min(finer * run.steps, MOST_STEPS), progress)
+    return run
+
+
+def _run(case: Case, controller: Controller, name: str, steps: int | None, progress: Progress | None) -> ControlRun:
     reference, robot = case.reference, case.model
     lanes, n = len(case.plants.names), len(reference.time)
     q_a, tau = (np.array(x) for x in zip(*case.rests, strict=True))

@@ -184,13 +184,9 @@ def state_rows(model: RobotModel) -> np.ndarray:
 
 
 def loops_at(
-    model: RobotModel,
-    controller: Any,
-    sample_s: float,
-    delay_s: float,
-    motion: Sequence[np.ndarray],
+    model: RobotModel, controller: Any, sample_s: float, delay_s: float, motion: Sequence[np.ndarray],
     samples: np.ndarray,
-) -> list[LoopAtPose]:
+) -> list[LoopAtPose]:  # fmt: skip
     """The linear loops at points of a motion (k, ...), its samples (k,); empty for a controller that is not linear."""
     poses = PoseModels(model)
     out = []

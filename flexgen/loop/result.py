@@ -12,6 +12,7 @@ from flexgen.accuracy.corners import corner_figures, find_corners
 from flexgen.accuracy.figures import BAND, PathAccuracy, path_accuracy
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution, format_size
+from flexgen.loop.closed_loop import NOT_FINITE, TOO_LONG
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import Controller
 from flexgen.loop.margins import LoopAtPose, Margins, loops_at
@@ -30,6 +31,10 @@ from flexgen.type_checks import checked_result
 
 UNITS = ("m", "rad")
 SHOWN = 20  # robots in the printed text
+ADVICE = {
+    NOT_FINITE: ": the loop is unstable; lower the gains, or take a shorter sample time",
+    TOO_LONG: ": the loop is unstable, or what is commanded jumps; lower the gains, or command smoother motions",
+}
 
 
 @checked_result
@@ -159,7 +164,8 @@ class ControlRun(Result):
     @property
     def status(self) -> str:
         """``done``, or that of the first robot that failed."""
-        return next((f"failed: {run.name}: {run.failure}" for run in self.runs if run.failure), "done")
+        failed = (f"failed: {run.name}: {run.failure}{ADVICE.get(run.failure, '')}" for run in self.runs if run.failure)
+        return next(failed, "done")
 
     @property
     def nominal(self) -> PlantRun:

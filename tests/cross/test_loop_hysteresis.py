@@ -184,8 +184,15 @@ def test_steps_that_are_too_long_for_the_law_are_an_error(plain: flexgen.Solutio
     right = run_case(case, law, name)
     assert right.status == "done" and right.steps > 3
     wrong = run_case(replace(case, rate=1.0), law, name, steps=1)
-    assert wrong["narrow"].failure == "the sample time is too long for the states of gears or frictions"
+    assert wrong["narrow"].failure == "gears or frictions slip too fast for the integration steps"
     assert not wrong.nominal.failure
+
+
+def test_positions_that_are_held_slip_faster_than_the_planned_motion() -> None:
+    """Every 12 ms: the steps for the planned speeds are too long; with 16 or 199 of them the error is 1.1187 mm."""
+    found = flexgen.command_positions(hysteretic("elbow"), period=0.012, interpolation="hold", progress=False)
+    assert found.status == "solved" and found.today.status == "done" and found.run.steps > 1
+    assert found.tool_error_max_m == pytest.approx(1.1187e-3, rel=1e-3)
 
 
 def test_robots_in_a_batch_have_the_bits_of_one_alone(plain: flexgen.Solution) -> None:
