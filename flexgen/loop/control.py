@@ -214,7 +214,7 @@ def _run(case: Case, controller: Controller, name: str, steps: int | None, progr
         table = disturbance_table(case.disturbances, names, instants, lanes, case.seed)
         if case.force is not None:
             table = np.zeros((len(instants), robot.n_m + TOOL, 1)) if table is None else table
-            table[:, robot.n_m :] += case.force.mean(instants, step_s)[:, :, None]
+            table[:, robot.n_m :] += case.force.held(instants, step_s)[:, :, None]
         found = loop.run(rows, count, motion=True, disturbances=table, check=False)
         assert found.motion is not None
         motions.append(found.motion)

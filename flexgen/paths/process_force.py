@@ -64,6 +64,15 @@ class ProcessForce:
         whole = self.curve.antiderivative()
         return (integral(t + width / 2) - integral(t - width / 2)) / width
 
+    def held(self, t: np.ndarray, width: float) -> np.ndarray:
+        """Forces to hold over intervals of this width [s] about the instants ``t`` (n,), as `flexgen.simulation.hold`.
+
+        Means less 1/12 of their second difference: a mean alone moves what it pushes by ``width^2 / 12`` times the
+        acceleration of the force too little.
+        """
+        before, own, after = (self.mean(t + k * width, width) for k in (-1, 0, 1))
+        return own - (before - 2.0 * own + after) / 12.0
+
     def on_output(self, model: RobotModel, t: np.ndarray) -> np.ndarray:
         """Force on the output, dual to its rates, and two derivatives, (n, 3 n_y); ArgumentError where it has none."""
         output, jets = model.output, self.jets(t)

@@ -102,7 +102,7 @@ class ResidualVibration:
         """The force on the tools in each integration step, as `ClosedLoop.run` takes it."""
         h, n_m = SAMPLE_S / steps, self.model.n_m
         table = np.zeros((len(time) * steps, n_m + TOOL, 1))
-        table[:, n_m:, 0] = force.mean(time[0] + h * (np.arange(len(table)) + 0.5), h)
+        table[:, n_m:, 0] = force.held(time[0] + h * (np.arange(len(table)) + 0.5), h)
         return table
 
     def _memory(self, lane: int, share: np.ndarray, q_m: np.ndarray) -> np.ndarray | float:
