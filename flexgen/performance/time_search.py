@@ -85,6 +85,7 @@ class TimeSearch:
         self.speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
         self.swings = vibration
         self.programs = self.inversions = 0
+        self.refused = ""  # why the last time law that was tried has no inversion
 
     def law(self, x: np.ndarray) -> SplineLaw:
         """The time law."""
@@ -209,7 +210,8 @@ class TimeSearch:
         x = self.start() if first is None else first
         g = self.try_constraints(x)
         if g is None:
-            raise SolverError("fastest: the first time law cannot be inverted; take another move")
+            advice = 'take another move, or, for a joint move, a model with an output of type "joint"'
+            raise SolverError(f"fastest: the first time law cannot be inverted ({self.refused}); {advice}")
         trust, idle, history = TRUST, 0, [float(x[0])]
         scale = float(x[0])
 
@@ -334,9 +336,11 @@ class TimeSearch:
 
     def try_constraints(self, x: np.ndarray) -> np.ndarray | None:
         """The `constraints`; None where the path with this time law has no finite inversion."""
+        self.refused = "a torque is not finite"
         try:
             g = self.constraints(x)
-        except FlexgenError:
+        except FlexgenError as error:
+            self.refused = str(error)
             return None
         return g if np.isfinite(g).all() else None
 

@@ -23,6 +23,7 @@ PROJECTIONS = 100  # at most
 TENFOLD = 2.3  # logarithm of the growth over the movement from which on a direction counts as one that grows
 
 
+@np.errstate(over="ignore", invalid="ignore")  # where directions grow, the defect may be infinite
 def propagate_residual(
     equations: Equations, motion: Motion, along: Linearized, residual: np.ndarray, unstable: bool
 ) -> tuple[float | None, float | None]:

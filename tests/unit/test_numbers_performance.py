@@ -457,8 +457,14 @@ def test_the_search_ends_at_the_shortest_time_within_the_limits() -> None:
     unable = search(2, constraints=lambda x, finer=1: np.array([2.0]))
     with pytest.raises(SolverError, match=r"cannot be kept on this path at any speed; .* needs 2 of a limit"):
         unable._slow_down(np.array([1.0, 0.5]))
-    with pytest.raises(SolverError, match="the first time law cannot be inverted"):
+    with pytest.raises(SolverError, match=r"the first time law cannot be inverted \(a torque is not finite\)"):
         search(2, constraints=lambda x, finer=1: np.array([np.nan]), start=lambda: np.ones(3)).run()
+
+    def refuses(x: np.ndarray, finer: int = 1) -> np.ndarray:
+        raise SolverError("the path passes a singular pose")
+
+    with pytest.raises(SolverError, match=r"cannot be inverted \(the path passes a singular pose\); .*\"joint\""):
+        search(2, constraints=refuses, start=lambda: np.ones(3)).run()
 
 
 def test_a_law_is_slowed_down_until_its_limits_are_kept() -> None:
