@@ -17,13 +17,16 @@ from typing import Any
 import numpy as np
 
 from flexgen.deadline import check_time
+from flexgen.environment.robot_function import RobotFunction
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.library.model_library import library_with
-from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.closed_loop import MOST_STEPS, TOO_LONG, ClosedLoop
+from flexgen.loop.control import FINER
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import PPI
 from flexgen.loop.hardware import DriveHardware
-from flexgen.loop.plants import LocalDynamics
+from flexgen.loop.hysteresis import hysteretic_robots, largest_rate, split_plants, without_states
+from flexgen.loop.plants import NOMINAL, LocalDynamics, plants_of
 from flexgen.mechanics.equations import derive, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported
@@ -100,7 +103,7 @@ def identify_servo(
     if not isinstance(record, ServoRecord):
         record = ServoRecord.read(record, robot)
     _check_record(record, robot)
-    fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation)
+    fit = _Fit.begin(robot, record, servo_of(servo, robot), interpolation, tell)
     best = _search(fit, *fit.start(), tell)
     for lower in LOWER:
         with suppress(SolverError):  # unstable there
@@ -203,10 +206,14 @@ class _Fit:
     rate: float
     time: np.ndarray
     measured: np.ndarray
+    gears: RobotFunction | None
 
     @classmethod
-    def begin(cls, robot: RobotModel, record: ServoRecord, servo: Servo, interpolation: str) -> _Fit:
-        """The loop at rest where the record begins."""
+    def begin(
+        cls, given: RobotModel, record: ServoRecord, servo: Servo, interpolation: str, tell: Callable[[str], None]
+    ) -> _Fit:
+        """The loop at rest where the record begins; elements with a state, of gears and frictions, begin at zero."""
+        robot, laws = without_states(given), split_plants(given, plants_of(given, {NOMINAL: {}}))[1]
         local = LocalDynamics(derive(robot))
         n_a, motors = robot.n_a, record.command @ robot.eta.T
         arm = np.zeros((POSES, n_a))
@@ -222,8 +229,15 @@ class _Fit:
         time = record.time[0] + servo.sample_time * np.arange(steps)
         library = library_with(robot, ["forward_dynamics"])
         measured = (record.angle - record.angle[0] + record.command[0]) @ robot.eta.T
-        rate = local.largest_rate(motion, np.zeros(0))
-        return cls(robot, record, servo, cascade, interpolation, library, (at, tau), rate, time, measured)
+        rate, gears = local.largest_rate(motion, np.zeros(0)), None
+        if laws:
+            v_m = np.gradient(measured, record.time, axis=0)
+            speeds = {"v_a": np.zeros((len(v_m), n_a)), "v_m": v_m}
+            speeds["v_a"][:, list(robot.i_g)] = v_m @ np.linalg.inv(robot.eta).T
+            rate = largest_rate(local, motion, speeds, np.zeros(0), laws[0])
+            lanes = 1 + 3 * robot.n_m + len(COMMON)
+            gears = hysteretic_robots(local.equations, np.zeros((lanes, 0)), laws * lanes, tell)
+        return cls(robot, record, servo, cascade, interpolation, library, (at, tau), rate, time, measured, gears)
 
     @property
     def gains(self) -> int:
@@ -280,15 +294,19 @@ class _Fit:
         plain = {late: self._late(late) @ known for late in set(sets[:, -1])}
         for lane, own in enumerate(sets):
             rows[:, lane, :n_m] = filter_reference(self.servo_of(own), plain[own[-1]], gains[0, lane])
-        loop = ClosedLoop(
-            self.robot, self.library, DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ()),
-            self._with_gains(gains), np.tile(self.rest[0], (lanes, 1)), np.tile(known[0], (lanes, 1)), self.rate,
-            delay_samples=int(self.servo.delay / self.servo.sample_time + 1e-9),
-        )  # fmt: skip
-        loop.hold(np.tile(self.rest[1], (lanes, 1)))
-        try:
-            q = loop.run(rows, len(rows)).q_m
-        except SolverError:
+        steps = None
+        for finer in (*FINER, 1):
+            loop = ClosedLoop(
+                self.robot, self.library, DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ()),
+                self._with_gains(gains), np.tile(self.rest[0], (lanes, 1)), np.tile(known[0], (lanes, 1)), self.rate,
+                delay_samples=int(self.servo.delay / self.servo.sample_time + 1e-9), parameters=self.gears, steps=steps,
+            )  # fmt: skip
+            loop.hold(np.tile(self.rest[1], (lanes, 1)))
+            q = loop.run(rows, len(rows), check=False).q_m
+            if TOO_LONG not in loop.failures:
+                break
+            steps = min(finer * loop.steps, MOST_STEPS)
+        if any(loop.failures):
             return None
         at = np.clip((self.record.time - self.time[0]) / self.servo.sample_time, 0, len(q) - 1)
         j = np.minimum(at.astype(int), len(q) - 2)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from elbow_under_servo import PERIOD, RATIO, TIME, H, commands, follow
+from hysteretic import hysteretic
 from servo_in_mujoco import OwnServo, sampled
 from toolchain import needs_compiler
 
@@ -109,3 +110,19 @@ def test_what_the_servo_does_not_describe_is_stated() -> None:
         fit = fit_of(angles, 0, {"feedback": flexgen.Cascade(*TRUE.values(), filters)}, "linear")
         assert fit.is_explained == known != ("times the noise is left" in fit.sentence())
         assert np.abs(fit.noise / NOISE - 1.0).max() < 0.15
+
+
+@pytest.mark.slow
+def test_a_robot_whose_gears_have_hysteresis() -> None:
+    """From other gains to those of the record; a model without hysteresis leaves several times the noise."""
+    model = hysteretic("elbow")
+    run = flexgen.command_positions(model, progress=False).today
+    joints, true = np.linalg.inv(model.eta).T, run.law
+    sent, shown = run.reference.motion["q_m"] @ joints, run.nominal.measured @ joints
+    record = flexgen.ServoRecord(run.reference.time, sent, shown)
+    first = flexgen.Cascade(1.3 * true.position_gain, 0.8 * true.speed_gain, 1.2 * true.integral_gain)
+    fit = flexgen.identify_servo(model, record, servo=flexgen.Servo(first), progress=False)
+    for name in ("position_gain", "speed_gain", "integral_gain"):
+        np.testing.assert_allclose(getattr(fit.servo.feedback, name), getattr(true, name), rtol=1e-6)
+    plain = flexgen.identify_servo("elbow", record, servo=flexgen.Servo(first), progress=False)
+    assert fit.is_explained and not plain.is_explained
