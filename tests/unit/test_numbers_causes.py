@@ -62,9 +62,9 @@ def test_a_change_of_channels_is_one_of_responses_and_covariances() -> None:
         assert_allclose(found.total[at], L**2 @ data.total[at] @ R**2)
     assert hypotheses.transform(replace(data, total=None), L, R).total is None
     late = hypotheses.with_sample_time(data, 1.25)
-    assert_allclose(late.w, 1.25 * data.w)
-    assert (late.sample_s, late.delay_s) == (8e-4, 1.6e-3)
-    assert_allclose(late.G, data.G * np.array([1.25**2, 1.25**2, 1.25])[:, None])  # accelerations, and a rate
+    assert_allclose(late.w, data.w / 1.25)
+    assert (late.sample_s, late.delay_s) == (1.25e-3, 2.5e-3)
+    assert_allclose(late.G, data.G / np.array([1.25**2, 1.25**2, 1.25])[:, None])  # accelerations, and a rate
 
 
 def test_all_faults_of_a_record_are_tried() -> None:
@@ -89,6 +89,7 @@ def test_all_faults_of_a_record_are_tried() -> None:
         "angle of m1 50 % too large in the record",
         "angle of m2 50 % too large in the record",
     ]
+    assert found[0].change(data, 1.5).sample_s == 1.5 * data.sample_s  # longer, as the words are
     assert [x.gross for x in found] == [False] * 3 + [True] * (len(found) - 3)
     assert_allclose(found[2].change(data, 1.5).G, data.G * np.array([1.0, 1 / 1.5, 1.0])[:, None])
     swapped = [1, 0, 2]

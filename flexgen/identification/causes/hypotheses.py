@@ -1,7 +1,7 @@
 """What can be wrong with a model or a record, each with one size: numbers of the model, changes of the responses.
 
 G -> L G R,   var -> |L|^2 var |R|^2,   C -> L C L^T,   U U^H -> R^-1 U U^H R^-T      angles and torques
-w -> z w,     G -> z^m G      (m: time derivatives of an output)                      sample time too long by z
+w -> w/z,     G -> z^-m G     (m: time derivatives of an output)           true sample time over the stated one: z
 """
 
 from __future__ import annotations
@@ -135,10 +135,10 @@ def transform(data: Frf, left: np.ndarray, right: np.ndarray) -> Frf:
 
 
 def with_sample_time(data: Frf, factor: float) -> Frf:
-    """The responses with a sample time that is shorter by a factor than the record states."""
+    """The responses with a sample time that is longer by a factor than the record states."""
     orders = np.array([ANGLE] * len(data.motors) + list(data.orders))
-    scaled = transform(data, np.diag(factor**orders), np.eye(len(data.motors)))
-    return replace(scaled, w=data.w * factor, sample_s=data.sample_s / factor, delay_s=data.delay_s / factor)
+    scaled = transform(data, np.diag(factor**-orders), np.eye(len(data.motors)))
+    return replace(scaled, w=data.w / factor, sample_s=data.sample_s * factor, delay_s=data.delay_s * factor)
 
 
 def _scale_of_angle(i: int) -> Change:
