@@ -377,7 +377,7 @@ def fit_motion(
     status = _status(fit, percent, white)
     if validate is not None:
         held_out, held_out_rms = _validate(vector, fit.x, validate, segment_s)
-        if status == FitStatus.FITTED and _fails(percent, held_out, held_out_rms / rms):
+        if status.agrees and _fails(percent, held_out, held_out_rms / rms):
             status = FitStatus.POORLY_VALIDATED
     return MotionFit(
         vector=vector,
@@ -417,10 +417,10 @@ def _status(fit: Fit, percent: tuple[float, ...], white: tuple[float, ...]) -> F
         return FitStatus.NOT_CONVERGED
     if fit.at_bound.any():
         return FitStatus.AT_BOUND
-    structure = any(
-        lags < WHITE and fit_percent < 100 * (1 - SMALL_ERROR) for lags, fit_percent in zip(white, percent, strict=True)
-    )
-    return FitStatus.MODEL_ERROR if structure or min(percent) < POORLY_EXPLAINED else FitStatus.FITTED
+    left = [fit_percent for lags, fit_percent in zip(white, percent, strict=True) if lags < WHITE]
+    if min(percent) < POORLY_EXPLAINED or min(left, default=100.0) < 100 * (1 - SMALL_ERROR):
+        return FitStatus.MODEL_ERROR
+    return FitStatus.SMALL_ERROR if left else FitStatus.FITTED
 
 
 def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.ndarray) -> bool:

@@ -18,6 +18,7 @@ from flexgen.display import plain
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.identification.causes.explain import Cause
 from flexgen.identification.causes.levels import AmplitudeTest
+from flexgen.identification.fit_status import FitStatus as FitStatus
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import (
     SENSOR_DELAY,
@@ -34,7 +35,6 @@ from flexgen.model.reader import read
 from flexgen.progress import Choice
 from flexgen.registry import find_function
 from flexgen.results import Result
-from flexgen.spec.explained_status import ExplainedStatus
 from flexgen.spec.number_edit import with_numbers
 from flexgen.spec.tables import parse_file
 from flexgen.type_checks import checked_result
@@ -49,55 +49,8 @@ def with_coulomb(model: RobotModel) -> tuple[str, ...]:
     """Names of the viscous frictions of motors and joints whose friction has a Coulomb or Stribeck part too."""
     parts = [(motor.name, motor.friction) for motor in model.motors]
     parts += [(c.name, c.dof.friction) for c in model.coordinates if c.dof is not None]
-    return tuple(f"{name}.viscous" for name, law in parts if law.coulomb or law.stribeck)
-
-
-class FitStatus(ExplainedStatus):
-    """Status of an identification."""
-
-    FITTED = (
-        "fitted",
-        "The model agrees with the measurement within the noise.",
-        "Use the new model file. Masses and payload are not checked by a fit: what is wrong there is hidden in the "
-        "other parameters.",
-    )
-    MODEL_ERROR = (
-        "model error",
-        "The model differs from the measurement by more than the noise.",
-        "Look at the report: a missing spring, a wrong mass or payload, an unknown delay, the wrong hold of the "
-        "torques, or friction. Standard deviations are not given: the errors of the parameters may be many times those "
-        "that noise causes.",
-    )
-    NOISE_TOO_LARGE = (
-        "noise too large",
-        "The model agrees with the measurement better than its noise allows: the variances of the data are too large.",
-        "Check how the variances were estimated: periods that differ by drift or by a transient make them large.",
-    )
-    POORLY_VALIDATED = (
-        "poorly validated",
-        "The model does not predict recordings that were not fitted.",
-        "Do not use the new model file where the robot moves as there: fit recordings of both kinds, fit fewer "
-        "parameters, or look for what the model lacks.",
-    )
-    AT_BOUND = (
-        "at a bound",
-        "At least one parameter is at its bound.",
-        "Check the start values and the bounds of the parameters that the table marks.",
-    )
-    NOT_CONVERGED = (
-        "not converged",
-        "The search for the best parameters did not come to an end.",
-        "Do not use the values; begin nearer to the truth, fix parameters that are weak, or take more starts.",
-    )
-
-    @property
-    def has_deviations(self) -> bool:
-        """Whether the standard deviations from the residuals are those of the parameters.
-
-        They are not where the model is wrong, as the fitted or other recordings show, where a bound holds a parameter,
-        and where the search did not end.
-        """
-        return self in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
+    steps = ("coulomb", "stribeck", "load_coulomb", "load_stribeck")
+    return tuple(f"{name}.viscous" for name, law in parts if any(getattr(law, step, 0.0) for step in steps))
 
 
 @checked_result

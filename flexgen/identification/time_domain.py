@@ -343,7 +343,7 @@ def validate(
 def validate_on_others(found: IdentificationResult, checked: Validation) -> IdentificationResult:
     """The result with the status ``poorly validated`` where it agreed, and other experiments do not."""
     fails = checked.cost > COST_MOST and min(checked.fit_percent) < 100 * (1 - SMALL_ERROR)
-    return replace(found, status=FitStatus.POORLY_VALIDATED) if fails and found.status == FitStatus.FITTED else found
+    return replace(found, status=FitStatus.POORLY_VALIDATED) if fails and found.status.agrees else found
 
 
 def refine_and_validate(
@@ -374,10 +374,13 @@ def _frictions(found: IdentificationResult) -> list[str]:
 def _status(fit: Fit, cost: float, simulated: Simulated, found: IdentificationResult) -> FitStatus:
     if not fit.converged or fit.at_bound.any():
         return FitStatus.AT_BOUND if fit.converged else FitStatus.NOT_CONVERGED
+    relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(simulated.measured)
     bent = simulated.local.springs or any(name.endswith("coulomb") for name in _frictions(found))
     if found.status == FitStatus.MODEL_ERROR and not bent:  # the angles of one experiment show less than all responses
         return FitStatus.MODEL_ERROR
-    return FitStatus.MODEL_ERROR if cost > COST_MOST else FitStatus.FITTED
+    if cost <= COST_MOST:
+        return FitStatus.FITTED
+    return FitStatus.MODEL_ERROR if relative > SMALL_ERROR else FitStatus.SMALL_ERROR
 
 
 def _standard_deviation(spectra: np.ndarray) -> np.ndarray:

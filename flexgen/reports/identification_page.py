@@ -9,7 +9,7 @@ import numpy as np
 
 from flexgen.analysis.linear import linearize, modes, poles
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.result import FitStatus, IdentificationResult, deviation_text
+from flexgen.identification.result import IdentificationResult, deviation_text
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
@@ -99,7 +99,7 @@ def write_responses(data: Frf, directory: str | Path) -> Path:
 
 def _summary(identified: IdentificationResult) -> str:
     status = identified.status
-    bad = "" if status == FitStatus.FITTED else " bad"
+    bad = "" if status.agrees else " bad"
     rows = [
         ("status", f'<span class="status{bad}">{html.escape(str(status))}</span>', ""),
         ("mean square of the weighted residuals", number(identified.cost), "1 expected"),

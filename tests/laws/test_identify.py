@@ -311,7 +311,7 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
 @needs_compiler
 @pytest.mark.slow
 def test_friction_of_the_load_is_found_and_missed_by_a_law_without_it():
-    """0.08 in the robot, 0.05 in the file; a law that fades less with the speed fits to 0.1 %, and is a model error."""
+    """0.08 in the robot, 0.05 in the file; a law that fades less with the speed fits to 0.1 %, without deviations."""
     plan = flexgen.excite(
         loaded("elbow"), poses=3, period_s=2.0, lines=30, speed_rms=0.3, hardware=NOISY, seed=1, progress=False
     )
@@ -327,7 +327,7 @@ def test_friction_of_the_load_is_found_and_missed_by_a_law_without_it():
     away = errors(fine, truth_of(loaded("elbow"), free))
     assert max(abs(away[name]) / fine.sd[name] for name in free[2:]) < 3.0
     assert max(fine.sd[name] for name in free[2:]) < 0.02 and max(map(abs, away.values())) < 0.02
-    assert found[0.02].status == FitStatus.MODEL_ERROR and not any(found[0.02].sd.values())
+    assert found[0.02].status == FitStatus.SMALL_ERROR and not any(found[0.02].sd.values())
 
 
 @needs_compiler

@@ -60,7 +60,7 @@ def truth() -> RobotModel:
 @pytest.mark.slow
 def test_parameters_of_a_motion_without_noise(truth: RobotModel, tmp_path: Path) -> None:
     found = fit_motion(None, recorded(tmp_path, truth), free=[*FREE, "friction"], segment_s=0.05)
-    assert found.status == FitStatus.FITTED and min(found.fit_percent) > 99.99
+    assert found.status == FitStatus.SMALL_ERROR and min(found.fit_percent) > 99.99  # what is left are roundings
     exact = {p.name: p.value for p in flexgen.mechanics.parameters.select(truth, list(found.values))}
     for name, value in found.values.items():
         if name in found.used():

@@ -180,24 +180,38 @@ def test_deviations_of_spectra_are_means_over_seven_lines() -> None:
 
 
 @pytest.mark.parametrize(
-    ("converged", "at_bound", "cost", "bent", "before", "status"),
+    ("converged", "at_bound", "cost", "error", "bent", "before", "status"),
     [
-        (False, False, 1.0, False, "FITTED", "NOT_CONVERGED"),
-        (False, True, 1.0, False, "FITTED", "NOT_CONVERGED"),
-        (True, True, 1.0, False, "FITTED", "AT_BOUND"),
-        (True, False, 2.0, False, "FITTED", "FITTED"),
-        (True, False, 2.01, False, "FITTED", "MODEL_ERROR"),
-        (True, False, 2.01, True, "FITTED", "MODEL_ERROR"),
-        (True, False, 1.0, False, "MODEL_ERROR", "MODEL_ERROR"),
-        (True, False, 1.0, True, "MODEL_ERROR", "FITTED"),
+        (False, False, 1.0, 0.0, False, "FITTED", "NOT_CONVERGED"),
+        (False, True, 1.0, 0.0, False, "FITTED", "NOT_CONVERGED"),
+        (True, True, 1.0, 0.0, False, "FITTED", "AT_BOUND"),
+        (True, False, 2.0, 1.01, False, "FITTED", "FITTED"),
+        (True, False, 2.01, 0.99, False, "FITTED", "SMALL_ERROR"),
+        (True, False, 2.01, 1.01, True, "FITTED", "MODEL_ERROR"),
+        (True, False, 1.0, 0.0, False, "MODEL_ERROR", "MODEL_ERROR"),
+        (True, False, 1.0, 0.0, True, "MODEL_ERROR", "FITTED"),
     ],
 )
-def test_the_status_of_a_fit_in_time_follows_from_search_and_cost(
-    converged: bool, at_bound: bool, cost: float, bent: bool, before: str, status: str, monkeypatch: pytest.MonkeyPatch
+def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
+    converged: bool,
+    at_bound: bool,
+    cost: float,
+    error: float,
+    bent: bool,
+    before: str,
+    status: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """``bent``: there is friction that the responses before do not describe."""
+    """``error``: of the angles, over the largest that is small; ``bent``: friction that responses do not describe."""
     monkeypatch.setattr(time_domain, "_frictions", lambda found: ["m1.load_coulomb"] if bent else ["m1.viscous"])
-    fit: Any = SimpleNamespace(converged=converged, at_bound=np.array([False, at_bound]))
-    simulated: Any = SimpleNamespace(local=SimpleNamespace(springs=()))
+    fit: Any = SimpleNamespace(converged=converged, at_bound=np.array([False, at_bound]), x=2.0)
+    measured = np.array([3.0, 4.0])
+    simulated: Any = SimpleNamespace(
+        residual=lambda x: x * error * time_domain.SMALL_ERROR * measured / 2.0 / 0.5,
+        sd=0.5,
+        measured=measured,
+        local=SimpleNamespace(springs=()),
+    )
     found: Any = SimpleNamespace(status=FitStatus[before])
     assert time_domain._status(fit, cost, simulated, found) == FitStatus[status]
+    assert FitStatus[status].agrees == (status in ("FITTED", "SMALL_ERROR"))

@@ -297,7 +297,8 @@ def test_a_motion_fit_is_judged_by_percent_whiteness_and_other_recordings() -> N
         status(SimpleNamespace(converged=True, at_bound=np.array([False, True])), (99.0,), (1.0,)) == FitStatus.AT_BOUND
     )
     assert status(fit, (99.0, 98.0), (1.0, fits.WHITE - 0.01)) == FitStatus.MODEL_ERROR
-    assert status(fit, (99.0, 99.95), (1.0, fits.WHITE - 0.01)) == FitStatus.FITTED  # too small to mention
+    assert status(fit, (99.0, 99.95), (1.0, fits.WHITE - 0.01)) == FitStatus.SMALL_ERROR
+    assert status(fit, (98.0, 99.95), (fits.WHITE - 0.01, 0.0)) == FitStatus.MODEL_ERROR
     assert status(fit, (fits.POORLY_EXPLAINED - 0.1, 99.0), (1.0, 1.0)) == FitStatus.MODEL_ERROR
     worse, best = np.array([fits.WORSE + 0.1, 1.0]), (99.0, 99.0)
     there = 100 - 1.1 * fits.WORSE

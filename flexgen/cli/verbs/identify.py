@@ -197,7 +197,7 @@ def _files(found: Any, args: Namespace, usable: bool = True) -> dict[str, Path |
 
 def _problem(status: Any) -> str:
     """Why a fit is a failure; empty where the model agrees with the measurement."""
-    return "" if status.value == "fitted" else f"{status}: {status.sentence}"
+    return "" if status.agrees else f"{status}: {status.sentence}"
 
 
 def _floats(settings: Any) -> dict[str, float]:
