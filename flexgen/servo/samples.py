@@ -64,7 +64,7 @@ def fit_samples(B: csc_matrix, r: np.ndarray) -> np.ndarray:
 def fit_within(
     B: csc_matrix, r: np.ndarray, period: float, limits: tuple[np.ndarray | None, np.ndarray | None]
 ) -> np.ndarray:
-    """The same within bounds of speed [rad/s] and acceleration [rad/s^2], (n_m,) each; None: no bound.
+    """The same of joints (k, n_g) within bounds of speed and acceleration, (n_g,) each; None: no bound.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def fit_within(
         rows = ca.mtimes(ca.diag(ca.DM(1.0 / most)), A)
         found = solver(h=H, g=-(B.T @ (own / scale)), a=rows, lba=-1.0, uba=1.0)
         if not solver.stats()["success"]:
-            words = " and ".join(f"{bound[j]:.4g} {('rad/s', 'rad/s^2')[n - 1]}" for n, bound in kept)
-            raise SolverError(f"limits: no samples of motor {j + 1} keep {words} (motor side); increase them")
+            words = " and ".join(f"{('speed', 'acceleration')[n - 1]} {bound[j]:.4g}" for n, bound in kept)
+            raise SolverError(f"limits: no samples of joint {j + 1} keep {words} (SI units, joint side); increase them")
         out[:, j] = scale * np.asarray(found["x"]).ravel()
     return out + r[0]
