@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from whole_move import WholeMove
 
 import flexgen
 from flexgen.mechanics.equations import derive
+from flexgen.simulation import defect as of_defect
 from flexgen.simulation.defect import _growing_part
 from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
@@ -58,3 +61,19 @@ def test_the_growing_part_of_a_saddle_is_that_along_its_unstable_direction() -> 
     assert _growing_part(saddle, 1.0) @ [1.0, 3.0] == pytest.approx([1.0, 3.0])
     assert _growing_part(saddle, 1.0) @ [1.0, -3.0] == pytest.approx([0.0, 0.0], abs=1e-12)
     assert not _growing_part(saddle, 4.0).any()
+
+
+def test_a_defect_that_overflows_does_not_warn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """exp(1000) over the motion, as of an upright arm in a slow move."""
+    k = 3
+    A = np.tile([[0.0, 1.0], [1e4, 0.0]], (k, 1, 1))
+    along = SimpleNamespace(
+        A=A, means=A, at=np.arange(k + 1), lengths=np.full(k, 10.0), force=np.tile([[1.0]], (k, 1, 1))
+    )
+    monkeypatch.setattr(of_defect, "_output_rows", lambda equations, q_a: np.ones((len(q_a), 1, 1)))
+    monkeypatch.setattr(of_defect, "_units", lambda equations: ["m"])
+    equations, motion = SimpleNamespace(model=SimpleNamespace(n_a=1)), SimpleNamespace(q_a=np.zeros((k + 1, 1)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        in_m, in_rad = of_defect.propagate_residual(equations, motion, along, np.ones((k, 1)), False)
+    assert not np.isfinite(in_m) and in_rad is None
