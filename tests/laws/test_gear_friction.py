@@ -211,7 +211,6 @@ def test_viscous_friction_alone_is_that_of_the_temperature() -> None:
         lambda robot: flexgen.derive(robot).function("motor_friction"),
         lambda robot: flexgen.generate(robot, functions=["motor_friction"]),
         lambda robot: flexgen.export_mujoco(robot, "never.xml", friction="viscous"),
-        lambda robot: flexgen.excite(robot),
         lambda robot: flexgen.feedback_study(robot),
         lambda robot: flexgen.CollisionDetector(robot, 1e-3),
     ],

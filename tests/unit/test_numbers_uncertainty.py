@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.parameters import with_values
+from flexgen.spec.memory import Hysteresis
 from flexgen.uncertainty import prediction, response
 from flexgen.uncertainty.bristle_states import Bristles, bristles_of
 from flexgen.uncertainty.gear_states import Gears, gear_rows, gears_of
@@ -31,7 +32,8 @@ def test_gears_follow_their_law_in_small_steps() -> None:
     K = np.array([[[100.0, 50.0], [30.0, 0.0]], [[80.0, 60.0], [20.0, 0.0]]])
     W = np.array([[[0.2, 0.1], [0.3, 0.0]], [[0.25, 0.15], [0.2, 0.0]]])
     n, gamma = np.array([[1.0, 2.0], [1.7, 1.0]]), np.array([[0.0, 0.5], [-0.4, 0.0]])
-    gears = Gears(K, W, n, gamma)
+    laws = [[Hysteresis(1.0, 1.0, *pair) for pair in zip(*layer, strict=True)] for layer in zip(n, gamma, strict=True)]
+    gears = Gears(K, W, tuple(map(tuple, laws)))
     assert_allclose(gears.largest, np.where(W > 0, W, 1.0))
     assert [float(x) for x in gears.weights] == [1.0, 0.0]
 
