@@ -99,6 +99,18 @@ def test_a_body_that_slides_may_turn_about_all_axes():
     np.testing.assert_allclose(np.abs(np.linalg.det([dof.axis for dof in found[:3]])), 1.0)
 
 
+def test_a_body_on_springs_without_motor_may_turn_about_the_other_axes():
+    """A platform on springs that lacks one of them; after its own springs."""
+    elbow = flexgen.read("elbow")
+    upper, fore = elbow.elements
+    joint = upper.dofs[0]
+    spring = replace(joint, name="roll", axis=(1.0, 0.0, 0.0), gear=None, spring=joint.gear.spring)
+    base = replace(upper, name="platform", dofs=(replace(spring, name="heave", type="translation"), spring))
+    found = dict((dof.name, model) for dof, model in additions(replace(elbow, elements=(base, fore))))
+    assert list(found)[:2] == ["platform_y", "platform_z"]
+    assert [dof.name for dof in found["platform_y"].elements[0].dofs] == ["heave", "roll", "platform_y"]
+
+
 def test_a_score_is_the_decrease_of_least_squares():
     """Against the residuals of two linear fits."""
     rng = np.random.default_rng(3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -167,20 +167,20 @@ def test_causes_are_named_by_the_part_that_they_explain(monkeypatch: pytest.Monk
     best = SimpleNamespace(cost=1099.0, x=np.zeros(2))
     monkeypatch.setattr(explain, "_search", lambda residuals, x: best)
     monkeypatch.setattr(explain, "changes_of", lambda data: ["change"])
-    costs: dict[str, float | Exception] = {}
+    costs: dict[Any, float | Exception] = {}
 
-    def refit(residuals: Any, hypothesis: str, x: np.ndarray) -> tuple[float, str, float]:
+    def refit(residuals: Any, hypothesis: Any, x: np.ndarray) -> tuple[float, str, float]:
         cost = costs[hypothesis]
         if isinstance(cost, Exception):
             raise cost
-        return cost, hypothesis, 2.0
+        return cost, hypothesis.name if isinstance(hypothesis, explain.Spring) else hypothesis, 2.0
 
-    found: dict[str, list[str]] = {}
+    found: dict[str, list[Any]] = {}
     monkeypatch.setattr(explain, "refit", refit)
     monkeypatch.setattr(explain, "_find_gross", lambda residuals, changes: found["gross"])
-    monkeypatch.setattr(explain, "_find_small", lambda residuals, changes, x: found["small"])
+    monkeypatch.setattr(explain, "_rate_small", lambda residuals, changes, x: found["small"])
 
-    def shares(gross: dict[str, Any], small: dict[str, Any]) -> list[tuple[str, float]]:
+    def shares(gross: dict[str, Any], small: dict[Any, Any]) -> list[tuple[str, float]]:
         costs.clear()
         costs.update(gross | small)
         found.update(gross=list(gross), small=list(small))
@@ -192,6 +192,10 @@ def test_causes_are_named_by_the_part_that_they_explain(monkeypatch: pytest.Monk
     assert shares({}, {"a": 400.0}) == []
     assert shares({}, {"a": 0.0, "b": 2000.0}) == [("a", 1.0)]
     assert shares({"x": SolverError("no")}, {"y": ArgumentError("no"), "a": 99.0}) == [("a", 1.0)]
+    unlikely: Any = dict.fromkeys("abc", 900.0)  # by their steps the best three
+    spring = {explain.Spring("s", cast(Any, None)): 99.0}
+    assert shares({}, unlikely | {"d": 99.0} | spring) == [("s", 1.0)]  # only of springs steps say little
+    assert shares({}, unlikely | {"c": 399.0} | spring) == [("c", 0.7)]
     assert str(explain.Cause("friction", 0.876, 1.0)) == "friction explains 88 % of the misfit"
     best.cost = 99.0
     assert shares({}, {"a": 0.0}) == []

@@ -85,7 +85,11 @@ def explain(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
     changes = list(changes_of(residuals.data))
     causes = _refits(residuals, _find_gross(residuals, changes), best, misfit)
     if not any(cause.share > EXPLAINED for cause in causes):
-        causes += _refits(residuals, _find_small(residuals, changes, best.x), best, misfit)
+        small = _rate_small(residuals, changes, best.x)
+        causes += _refits(residuals, small[:REFITS], best, misfit)
+        if all(cause.share < LEAST_SHARE for cause in causes):  # a step says little of a resonance that is missing
+            springs = [hypothesis for hypothesis in small[REFITS:] if isinstance(hypothesis, Spring)]
+            causes += _refits(residuals, springs, best, misfit)
     causes.sort(key=lambda cause: -cause.share)
     return tuple(cause for cause in causes if cause.share >= max(LEAST_SHARE, causes[0].share - ALSO))
 
@@ -111,8 +115,8 @@ def _find_gross(residuals: Residuals, changes: Sequence[Changed]) -> list[Hypoth
     return [changes[k] for _, k in rated[:REFITS]]
 
 
-def _find_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray) -> list[Hypothesis]:
-    """The hypotheses with the largest score steps at x."""
+def _rate_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray) -> list[Hypothesis]:
+    """The hypotheses that are not gross, those with the largest score steps at x first."""
     r, J = as_real(*residuals.weight(x, True))
     basis = np.linalg.qr(J)[0]
     columns: list[tuple[Hypothesis, np.ndarray]] = [
@@ -125,7 +129,7 @@ def _find_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray)
         gain, key = score(basis, r, column), hypothesis.name if isinstance(hypothesis, Spring) else hypothesis
         if key not in rated or rated[key][0] < gain:  # of one spring the best stiffness
             rated[key] = gain, hypothesis
-    return [hypothesis for _, hypothesis in sorted(rated.values(), key=lambda pair: -pair[0])[:REFITS]]
+    return [hypothesis for _, hypothesis in sorted(rated.values(), key=lambda pair: -pair[0])]
 
 
 def score(basis: np.ndarray, r: np.ndarray, column: np.ndarray) -> float:

@@ -16,23 +16,23 @@ DAMPING = 0.03  # of critical
 def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
     """Models with one more spring: rotations about the axes perpendicular to each joint that are not there yet.
 
-    And about all three axes of a body that slides, or is attached to the one before it without any coordinate.
+    And about all three axes of a body that slides, or whose element has no motor.
     """
     out = []
     for e, element in enumerate(model.elements):
         new = []
-        if not element.dofs and element.body.mass > 0:
-            new = [(0, f"{element.name}_{'xyz'[k]}", axis) for k, axis in enumerate(np.eye(3))]
+        if element.body.mass > 0 and all(dof.gear is None for dof in element.dofs):
+            new = [(len(element.dofs), f"{element.name}_{'xyz'[k]}", axis) for k, axis in enumerate(np.eye(3))]
         for at, dof in enumerate(element.dofs):
             if dof.gear is None:
                 continue
             along = [np.array(dof.axis)] if dof.type == "translation" else []
-            for k, axis in enumerate([*perpendicular(np.array(dof.axis)), *along]):
-                same = [d for d in element.dofs if d.spring is not None and d.type == "rotation"]
-                if any(abs(float(np.dot(d.axis, axis))) > 0.99 for d in same):
-                    continue
-                new.append((at + 1, f"{dof.name}_{'uvw'[k]}", axis))
+            axes = [*perpendicular(np.array(dof.axis)), *along]
+            new += [(at + 1, f"{dof.name}_{'uvw'[k]}", axis) for k, axis in enumerate(axes)]
+        there = [d.axis for d in element.dofs if d.spring is not None and d.type == "rotation"]
         for at, name, axis in new:
+            if any(abs(float(np.dot(each, axis))) > 0.99 for each in there):
+                continue
             added = Dof(name, "rotation", tuple(axis.tolist()), spring=LinearSpring(1.0), damping=1.0)
             changed = replace(element, dofs=(*element.dofs[:at], added, *element.dofs[at:]))
             elements = (*model.elements[:e], changed, *model.elements[e + 1 :])
