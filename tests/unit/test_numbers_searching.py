@@ -194,8 +194,8 @@ def test_causes_are_named_by_the_part_that_they_explain(monkeypatch: pytest.Monk
     assert shares({"x": SolverError("no")}, {"y": ArgumentError("no"), "a": 99.0}) == [("a", 1.0)]
     unlikely: Any = dict.fromkeys("abc", 900.0)  # by their steps the best three
     spring = {explain.Spring("s", cast(Any, None)): 99.0}
-    assert shares({}, unlikely | {"d": 99.0} | spring) == [("s", 1.0)]  # only of springs steps say little
-    assert shares({}, unlikely | {"c": 399.0} | spring) == [("c", 0.7)]
+    assert shares({}, unlikely | {"c": 199.0, "d": 99.0} | spring) == [("s", 1.0)]  # only of springs steps say little
+    assert shares({}, unlikely | {"c": 149.0} | spring) == [("c", 0.95)]
     assert str(explain.Cause("friction", 0.876, 1.0)) == "friction explains 88 % of the misfit"
     best.cost = 99.0
     assert shares({}, {"a": 0.0}) == []

@@ -87,7 +87,7 @@ def explain(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
     if not any(cause.share > EXPLAINED for cause in causes):
         small = _rate_small(residuals, changes, best.x)
         causes += _refits(residuals, small[:REFITS], best, misfit)
-        if all(cause.share < LEAST_SHARE for cause in causes):  # a step says little of a resonance that is missing
+        if all(cause.share < EXPLAINED for cause in causes):  # a step says little of a resonance that is missing
             springs = [hypothesis for hypothesis in small[REFITS:] if isinstance(hypothesis, Spring)]
             causes += _refits(residuals, springs, best, misfit)
     causes.sort(key=lambda cause: -cause.share)
