@@ -25,6 +25,7 @@ from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
+from flexgen.memory.hysteresis import without_hysteresis
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import refuse_harmonics
 from flexgen.numerics.evaluate import evaluate
@@ -39,8 +40,10 @@ STEPS, CLOSE = 20, 1e-9
 NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
 DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
 ENDS, LEAST = 0.5, 0.05  # s at both ends of a record that the low pass spoils, and between them
+NOISE_BAND = 3 * np.pi / 4 / np.sqrt(2)  # of white noise through the low pass, both sides, over its frequency
 FEWEST = 200  # samples
 FARTHEST = 3.0  # m, center of mass
+AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 
 
@@ -49,8 +52,9 @@ UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 class Load(Result):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
-    ``total_mass``, ``total_com``: of the load together with the payload of the model file. ``residual_Nm``: root mean
-    square of the residual gear torques (n_g,), arm side. ``delay_s``: time by which torques were recorded late [s].
+    The load is taken for a point mass. ``total_mass``, ``total_com``: of the load and the payload of the model file
+    together. ``residual_Nm``: root mean square of the residual gear torques (n_g,), arm side. ``delay_s``: time by
+    which torques were recorded late [s].
 
     Examples
     --------
@@ -149,8 +153,11 @@ class _Estimate:
         q_m = record["q_m"]
         v_m = np.gradient(self._smooth(q_m), h, axis=0)
         a_m = np.gradient(v_m, h, axis=0)
-        self.names = ("payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
-        self.equations: Equations = derive(robot, self.names)
+        carrier = next(element for element in robot.elements if element.name == robot.tip)
+        turned = [f"{robot.tip}.inertia_{axes}" for axes in AXES if carrier.beam is None]  # else its axes are others
+        self.names = (*turned, "payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
+        self.equations: Equations = derive(without_hysteresis(robot), self.names)
+        self.of_file = np.array([p.value for p in self.equations.parameters])
         friction = evaluate(self.equations.function("motor_friction"), v_m)[0]  # of noise it would have a mean
         inertia = np.array([m.inertia for m in robot.motors])
         needed = self._smooth(record["tau_m"] - friction.reshape(q_m.shape)) - inertia * a_m
@@ -165,7 +172,7 @@ class _Estimate:
         if not rigid:
             self.q_geared[:, list(robot.i_g)] -= gear_deflection(self.nominal, tau_g).reshape(len(q_m), -1)
             self.stiffness = self._stiffness()
-        self.effective = len(time[self.kept]) * min(1.0, 2.5 * low_pass_hz * h)  # independent samples
+        self.effective = len(time[self.kept]) * min(1.0, NOISE_BAND * low_pass_hz * h)  # independent samples
 
     def _smooth(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(filtfilt(*self._of_motion, x, axis=0))
@@ -200,11 +207,22 @@ class _Estimate:
 
     def forces(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Forces that the arm needs (n, n_a)."""
-        return evaluate(self.equations.function("inverse_dynamics"), q, v, a, values)[0].reshape(q.shape)
+        body = np.concatenate([self.of_file[:-4] + self._inertia(values)[: len(self.of_file) - 4], values])
+        return evaluate(self.equations.function("inverse_dynamics"), q, v, a, body)[0].reshape(q.shape)
+
+    def _inertia(self, values: np.ndarray) -> np.ndarray:
+        """What the inertia of the payload of the file and the load, a point mass, is more than that of the payload."""
+        mass, com = self.of_file[-4], self.of_file[-3:]
+        load, moved = values[0] - mass, values[0] * (values[1:] - com)
+        if np.linalg.norm(moved) >= abs(load) * FARTHEST:
+            return np.zeros(len(AXES))
+        x, y, z = moved / load
+        own = np.array([y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -y * z, -x * z])
+        return own * mass * load / values[0]
 
     def solve(self) -> Load:
         """Gauss-Newton in mass and center of mass of the whole payload, and the delay of the torques."""
-        start = np.array([p.value for p in self.equations.parameters])
+        start = self.of_file[-4:]
         x = np.concatenate([[start[0] + 1.0], start[1:], [0.0]])
         scale = np.abs(self.tau_g[self.kept]).max(axis=0)
         scale = np.maximum(scale, 1e-3 * scale.max())

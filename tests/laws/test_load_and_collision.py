@@ -9,6 +9,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
+from flexgen.performance import payload
 
 pytestmark = needs_compiler
 
@@ -81,6 +82,37 @@ def test_the_low_pass_takes_nothing_from_the_load():
     found = flexgen.identify_load("manutec_r3", planned(20.0))
     assert abs(found.mass - 5.0) < 1e-3
     assert np.abs(found.com - flexgen.read("manutec_r3").payload.com).max() < 1e-4
+
+
+def steiner(mass, r):
+    return mass * (np.dot(r, r) * np.eye(3) - np.outer(r, r))
+
+
+BESIDE = np.array([0.05, -0.03, 0.08])  # of a load of 5 kg, from the payload of 15 kg
+
+
+def test_two_masses_turn_about_their_center_together():
+    """Otherwise a load next to the payload is found elsewhere."""
+    estimate = object.__new__(payload._Estimate)
+    estimate.of_file = np.array([*np.zeros(6), 15.0, 0.1, 0.0, 0.2])
+    center = estimate.of_file[-3:] + 0.25 * BESIDE
+    both = steiner(15.0, 0.25 * BESIDE) + steiner(5.0, 0.75 * BESIDE)
+    expected = [both[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))]
+    np.testing.assert_allclose(estimate._inertia(np.array([20.0, *center])), expected)
+    assert not estimate._inertia(np.array([15.0, *center])).any()  # no load
+
+
+@pytest.mark.slow
+def test_a_load_next_to_the_payload():
+    """Without the inertia of both it is off by millimeters."""
+    known = flexgen.read("manutec_r3").payload
+    inertia = np.array(known.inertia) + steiner(15.0, 0.25 * BESIDE) + steiner(5.0, 0.75 * BESIDE)
+    numbers = [float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))]
+    com = (np.array(known.com) + 0.25 * BESIDE).tolist()
+    robot = flexgen.read("manutec_r3", overrides={"payload": {"mass": 20.0, "com": com, "inertia": numbers}})
+    found = flexgen.identify_load("manutec_r3", flexgen.solve(robot, verify=False, progress=False).trajectory)
+    assert abs(found.mass - 5.0) < 1e-3
+    assert np.abs(found.com - np.array(known.com) - BESIDE).max() < 1e-4
 
 
 @pytest.mark.slow
