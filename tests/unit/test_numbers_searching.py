@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -167,23 +167,24 @@ def test_causes_are_named_by_the_part_that_they_explain(monkeypatch: pytest.Monk
     best = SimpleNamespace(cost=1099.0, x=np.zeros(2))
     monkeypatch.setattr(explain, "_search", lambda residuals, x: best)
     monkeypatch.setattr(explain, "changes_of", lambda data: ["change"])
-    costs: dict[Any, float | Exception] = {}
+    costs: dict[str, float | Exception] = {}
 
-    def refit(residuals: Any, hypothesis: Any, x: np.ndarray) -> tuple[float, str, float]:
+    def refit(residuals: Any, hypothesis: str, x: np.ndarray) -> tuple[float, str, float]:
         cost = costs[hypothesis]
         if isinstance(cost, Exception):
             raise cost
-        return cost, hypothesis.name if isinstance(hypothesis, explain.Spring) else hypothesis, 2.0
+        return cost, hypothesis, 2.0
 
-    found: dict[str, list[Any]] = {}
+    found: dict[str, list[str]] = {}
     monkeypatch.setattr(explain, "refit", refit)
     monkeypatch.setattr(explain, "_find_gross", lambda residuals, changes: found["gross"])
-    monkeypatch.setattr(explain, "_rate_small", lambda residuals, changes, x: found["small"])
+    monkeypatch.setattr(explain, "_find_small", lambda residuals, changes, x: found["small"])
+    monkeypatch.setattr(explain, "_every_spring", lambda residuals: found["springs"])
 
-    def shares(gross: dict[str, Any], small: dict[Any, Any]) -> list[tuple[str, float]]:
+    def shares(gross: dict[str, Any], small: dict[str, Any], **springs: float) -> list[tuple[str, float]]:
         costs.clear()
-        costs.update(gross | small)
-        found.update(gross=list(gross), small=list(small))
+        costs.update(gross | small | springs)
+        found.update(gross=list(gross), small=list(small), springs=list(springs))
         return [(cause.words, round(cause.share, 3)) for cause in explain.explain(residuals, np.zeros(2))]
 
     assert shares({"a": 139.0}, {"b": 99.0}) == [("a", 0.96)]  # small ones are not tried
@@ -192,10 +193,10 @@ def test_causes_are_named_by_the_part_that_they_explain(monkeypatch: pytest.Monk
     assert shares({}, {"a": 400.0}) == []
     assert shares({}, {"a": 0.0, "b": 2000.0}) == [("a", 1.0)]
     assert shares({"x": SolverError("no")}, {"y": ArgumentError("no"), "a": 99.0}) == [("a", 1.0)]
-    unlikely: Any = dict.fromkeys("abc", 900.0)  # by their steps the best three
-    spring = {explain.Spring("s", cast(Any, None)): 99.0}
-    assert shares({}, unlikely | {"c": 199.0, "d": 99.0} | spring) == [("s", 1.0)]  # only of springs steps say little
-    assert shares({}, unlikely | {"c": 149.0} | spring) == [("c", 0.95)]
+    assert shares({}, {"a": 199.0}, s=99.0) == [("s", 1.0)]  # springs where no step finds enough
+    assert shares({}, {"a": 150.0}, s=99.0) == [("s", 1.0)]
+    assert shares({}, {"s": 199.0}, s=199.0) == [("s", 0.9)]  # once
+    assert shares({}, {"a": 148.0}, s=99.0) == [("a", 0.951)]
     assert str(explain.Cause("friction", 0.876, 1.0)) == "friction explains 88 % of the misfit"
     best.cost = 99.0
     assert shares({}, {"a": 0.0}) == []

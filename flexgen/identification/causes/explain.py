@@ -85,12 +85,12 @@ def explain(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
     changes = list(changes_of(residuals.data))
     causes = _refits(residuals, _find_gross(residuals, changes), best, misfit)
     if not any(cause.share > EXPLAINED for cause in causes):
-        small = _rate_small(residuals, changes, best.x)
-        causes += _refits(residuals, small[:REFITS], best, misfit)
+        causes += _refits(residuals, _find_small(residuals, changes, best.x), best, misfit)
         if all(cause.share < EXPLAINED for cause in causes):  # a step says little of a resonance that is missing
-            springs = [hypothesis for hypothesis in small[REFITS:] if isinstance(hypothesis, Spring)]
-            causes += _refits(residuals, springs, best, misfit)
+            causes += _refits(residuals, _every_spring(residuals), best, misfit)
     causes.sort(key=lambda cause: -cause.share)
+    words = [cause.words for cause in causes]
+    causes = [cause for k, cause in enumerate(causes) if cause.words not in words[:k]]
     return tuple(cause for cause in causes if cause.share >= max(LEAST_SHARE, causes[0].share - ALSO))
 
 
@@ -115,8 +115,8 @@ def _find_gross(residuals: Residuals, changes: Sequence[Changed]) -> list[Hypoth
     return [changes[k] for _, k in rated[:REFITS]]
 
 
-def _rate_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray) -> list[Hypothesis]:
-    """The hypotheses that are not gross, those with the largest score steps at x first."""
+def _find_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray) -> list[Hypothesis]:
+    """The hypotheses with the largest score steps at x."""
     r, J = as_real(*residuals.weight(x, True))
     basis = np.linalg.qr(J)[0]
     columns: list[tuple[Hypothesis, np.ndarray]] = [
@@ -129,7 +129,15 @@ def _rate_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray)
         gain, key = score(basis, r, column), hypothesis.name if isinstance(hypothesis, Spring) else hypothesis
         if key not in rated or rated[key][0] < gain:  # of one spring the best stiffness
             rated[key] = gain, hypothesis
-    return [hypothesis for _, hypothesis in sorted(rated.values(), key=lambda pair: -pair[0])]
+    return [hypothesis for _, hypothesis in sorted(rated.values(), key=lambda pair: -pair[0])[:REFITS]]
+
+
+def _every_spring(residuals: Residuals) -> list[Hypothesis]:
+    """All missing springs, of two stiffnesses: searches from stiffer ones can end where there is no spring."""
+    out: list[Hypothesis] = []
+    for dof, changed in additions(residuals.vector.model):
+        out += [Spring(dof.name, model) for model in with_sizes(changed, dof.name, residuals.data.poses[:1])[:-1]]
+    return out
 
 
 def score(basis: np.ndarray, r: np.ndarray, column: np.ndarray) -> float:
