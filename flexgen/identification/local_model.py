@@ -137,12 +137,11 @@ class LocalModel:
             row = np.zeros(model.dof)
             row[i] = 1.0
             spring = None if dof is None else dof.spring
-            counted = not isinstance(spring, LinearSpring)
             if dof is not None and dof.gear is not None:
                 (gear, ratio), turned = next(factors)
                 spring, row = gear.spring, ratio * (turned - row)
-                counted = loaded or not isinstance(spring, LinearSpring)
-            if spring is not None and counted:
+            of_load = loaded and dof is not None and dof.gear is not None
+            if spring is not None and (of_load or not isinstance(spring, LinearSpring)):
                 out.append((spring, row))
         return tuple(out)
 

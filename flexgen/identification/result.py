@@ -40,8 +40,6 @@ from flexgen.spec.tables import parse_file
 from flexgen.type_checks import checked_result
 
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
-
-
 TIME_DOMAIN = "time domain"  # weights of a result of `refine`
 
 

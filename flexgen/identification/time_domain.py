@@ -378,9 +378,8 @@ def _status(fit: Fit, cost: float, simulated: Simulated, found: IdentificationRe
     bent = simulated.local.springs or any(name.endswith("coulomb") for name in _frictions(found))
     if found.status == FitStatus.MODEL_ERROR and not bent:  # the angles of one experiment show less than all responses
         return FitStatus.MODEL_ERROR
-    if cost <= COST_MOST:
-        return FitStatus.FITTED
-    return FitStatus.MODEL_ERROR if relative > SMALL_ERROR else FitStatus.SMALL_ERROR
+    wrong = FitStatus.MODEL_ERROR if relative > SMALL_ERROR else FitStatus.SMALL_ERROR
+    return wrong if cost > COST_MOST else FitStatus.FITTED
 
 
 def _standard_deviation(spectra: np.ndarray) -> np.ndarray:

@@ -84,7 +84,7 @@ def test_the_mass_of_a_load_is_part_of_the_deviation_of_its_place() -> None:
         one = identify_load("manutec_r3", noisy, low_pass_hz=6.0)
         found.append(((one.com - load) / one.com_sd, one.com_sd))
     z, sd = np.array(found).transpose(1, 0, 2)
-    assert 0.4 < np.sqrt((z**2).mean()) < 1.6 and np.median(sd[:, 0]) > 0.02
+    assert 0.4 < np.sqrt((z**2).mean()) < 1.6 and np.median(sd[:, 0]) > 0.02  # 2.6 without the mass
 
 
 def test_noise_of_the_angles_does_not_enter_by_the_friction() -> None:

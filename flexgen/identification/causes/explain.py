@@ -88,9 +88,8 @@ def explain(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
         causes += _refits(residuals, _find_small(residuals, changes, best.x), best, misfit)
         if all(cause.share < EXPLAINED for cause in causes):  # a step says little of a resonance that is missing
             causes += _refits(residuals, _every_spring(residuals), best, misfit)
-    causes.sort(key=lambda cause: -cause.share)
-    words = [cause.words for cause in causes]
-    causes = [cause for k, cause in enumerate(causes) if cause.words not in words[:k]]
+    best_of = {cause.words: cause for cause in sorted(causes, key=lambda cause: cause.share)}
+    causes = sorted(best_of.values(), key=lambda cause: -cause.share)
     return tuple(cause for cause in causes if cause.share >= max(LEAST_SHARE, causes[0].share - ALSO))
 
 
@@ -134,10 +133,8 @@ def _find_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray)
 
 def _every_spring(residuals: Residuals) -> list[Hypothesis]:
     """All missing springs, of two stiffnesses: searches from stiffer ones can end where there is no spring."""
-    out: list[Hypothesis] = []
-    for dof, changed in additions(residuals.vector.model):
-        out += [Spring(dof.name, model) for model in with_sizes(changed, dof.name, residuals.data.poses[:1])[:-1]]
-    return out
+    added, pose = additions(residuals.vector.model), residuals.data.poses[:1]
+    return [Spring(dof.name, model) for dof, made in added for model in with_sizes(made, dof.name, pose)[:-1]]
 
 
 def score(basis: np.ndarray, r: np.ndarray, column: np.ndarray) -> float:
