@@ -135,9 +135,8 @@ def control(
 
 
 def _solve_assuming(
-    model: str | FilePath | RobotModel | Equations, move: str | Move | None, force: Any, assumed: Any,
-    solution: Solution | None, progress: Progress | None,
-) -> Solution | None:  # fmt: skip
+    model: Any, move: str | Move | None, force: Any, assumed: Any, solution: Solution | None, progress: Progress | None
+) -> Solution | None:
     """The solution of a move with the force that the feedforward assumes; as it is given without a force."""
     if force is None and assumed is None:
         return solution

@@ -30,6 +30,7 @@ LARGEST_DELAY, DELAYS = 32.0, 128  # samples; in steps of a quarter
 MOST_LATE = 256  # samples of a delay, each of which is a state
 BISECTIONS = 20
 FREQUENCIES, LEAST_HZ = 600, 1e-6
+Arrays = Sequence[np.ndarray]
 
 
 @checked_result
@@ -184,9 +185,8 @@ def state_rows(model: RobotModel) -> np.ndarray:
 
 
 def loops_at(
-    model: RobotModel, controller: Any, sample_s: float, delay_s: float, motion: Sequence[np.ndarray],
-    samples: np.ndarray,
-) -> list[LoopAtPose]:  # fmt: skip
+    model: RobotModel, controller: Any, sample_s: float, delay_s: float, motion: Arrays, samples: np.ndarray
+) -> list[LoopAtPose]:
     """The linear loops at points of a motion (k, ...), its samples (k,); empty for a controller that is not linear."""
     poses = PoseModels(model)
     out = []
