@@ -111,6 +111,11 @@ def _check_name(table: Table, here: Context) -> None:
         raise table.fail("name", "another name (base is the ground)")
 
 
+def _check_parent(table: Table, here: Context) -> None:
+    if "parent" in table and isinstance(table.entries["parent"].value, list):
+        raise table.fail("parent", "the name of one element, since a robot is a tree without closed loops")
+
+
 ELEMENT = Format(
     "a link; parents before their children",
     (
@@ -128,6 +133,7 @@ ELEMENT = Format(
         Key("beam", sub(BEAM), BEAM.doc, default=None),
     ),
     make=Element,
+    before=_check_parent,
 )
 
 

@@ -154,6 +154,11 @@ CASES = {
     # elements and bodies
     "element twice": ([('name = "second"', 'name = "first" #!')], "element.first.name", ['"first"', "not taken"]),
     "element called base": ([('name = "second"', 'name = "base" #!')], "element.base.name", ["the ground"]),
+    "element with two parents": (
+        [('name = "first"', 'name = "first"\nparent = ["base", "second"] #!')],
+        "element.first.parent",
+        ["the name of one element", "without closed loops"],
+    ),
     "element without name": ([('[[element]]\nname = "first"', "[[element]] #!")], "element[0].name", ["nothing"]),
     "negative mass": ([("mass = 10.0", "mass = -1")], "element.first.body.mass", ["given -1", ">= 0"]),
     "mass is text": ([("mass = 10.0", 'mass = "10 kg"')], "element.first.body.mass", ['"10 kg"', "a number"]),
