@@ -294,13 +294,12 @@ class _Fit:
         plain = {late: self._late(late) @ known for late in set(sets[:, -1])}
         for lane, own in enumerate(sets):
             rows[:, lane, :n_m] = filter_reference(self.servo_of(own), plain[own[-1]], gains[0, lane])
-        steps = None
+        hardware = DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ())
+        drives = self.robot, self.library, hardware, self._with_gains(gains)
+        at_rest = np.tile(self.rest[0], (lanes, 1)), np.tile(known[0], (lanes, 1))
+        late, steps = int(self.servo.delay / self.servo.sample_time + 1e-9), None
         for finer in (*FINER, 1):
-            loop = ClosedLoop(
-                self.robot, self.library, DriveHardware(self.servo.sample_time, self._rest_of_delay, 0.0, 0.0, 0.0, ()),
-                self._with_gains(gains), np.tile(self.rest[0], (lanes, 1)), np.tile(known[0], (lanes, 1)), self.rate,
-                delay_samples=int(self.servo.delay / self.servo.sample_time + 1e-9), parameters=self.gears, steps=steps,
-            )  # fmt: skip
+            loop = ClosedLoop(*drives, *at_rest, self.rate, delay_samples=late, parameters=self.gears, steps=steps)
             loop.hold(np.tile(self.rest[1], (lanes, 1)))
             q = loop.run(rows, len(rows), check=False).q_m
             if TOO_LONG not in loop.failures:
