@@ -53,7 +53,7 @@ FORGOTTEN = 1e-5  # of its first effect, or of the torques, to which that of the
 BLOCK_S = 1.0  # of a record, within which residuals depend on each other
 CLOSE = (0.3, 0.05, 0.05)  # standard deviations from the minimum where the searches end
 SETTLED = 2.0  # standard deviations, at most, of the last of these steps
-DRAWS = (1, 1, 1, 3)  # pairs of samples of noise in each step with corrected normal equations
+DRAWS = (1, 1, 3, 3)  # pairs of samples of noise in each step with corrected normal equations
 LEAST_SIGNAL = 0.1  # part of the information in a direction that is not noise, else it is not determined
 RANK = 1e-13  # of the normal equations, relative
 FREE = 1e6  # standard deviation of priors that say nothing
@@ -195,29 +195,45 @@ class GearModel:
         """What more noise of the angles changes in the torques (k, n_m)."""
         return self.torques([theta], self.more_noise(0))[0] - self.torques([theta], self.motion)[0]
 
-    def noise(self, theta: np.ndarray) -> np.ndarray:
+    def noise(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Standard deviation (n_m,) of residuals that are noise of angles and torques [N m]."""
-        return np.asarray(np.hypot(self.change_by_noise(theta).std(axis=0), self.signals.torque_noise))
+        lines, power = self._bands(error)
+        of_torques = np.sqrt(2 * lines.sum() * self._white(lines, power)) / len(error)
+        return np.asarray(np.hypot(self.change_by_noise(theta).std(axis=0), of_torques))
 
-    def excess(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Residuals over what noise explains, root mean square, the largest of all bands of frequency (n_m,).
+    def excess(self, theta: np.ndarray, error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """Residuals over what noise explains, rms, the largest of all bands of frequency (n_m,); the same over what
+        noise and the standard deviations of theta explain: (2, n_m).
 
         A wrong law shows at the frequencies of the motion, where noise of angles makes hardly any torque: a loop of
         another shape is 1e-5 of the torque there, behind noise of 1e-3 in all.
         """
-        n, signals = len(error), self.signals
         own = self.torques([theta], self.motion)[0]
         drawn = [self.torques([theta], self.more_noise(seed))[0] - own for seed in range(EXCESS_DRAWS)]
+        lines, power = self._bands(error)
+        least = (len(error) * ROUNDING * np.std(self.measured, axis=0)) ** 2 / 2
+        noise = np.mean([self._bands(x)[1] for x in drawn], axis=0) + lines * self._white(lines, power)
+        values, vectors = np.linalg.eigh(covariance)
+        deviations = self.derivatives(theta, self.motion)[1] @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        explained = noise + least
+        with_theta = explained + sum(self._bands(x)[1] for x in np.moveaxis(deviations, -1, 0))
+        return np.array([np.sqrt(power / each).max(axis=0) for each in (explained, with_theta)])
+
+    def _bands(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bands of frequency: their lines (bands, 1), and the power of (k, n_m) in them (bands, n_m)."""
+        n, signals = len(x), self.signals
         f = np.fft.rfftfreq(n, signals.sample_s)
         first = np.searchsorted(f, signals.band_hz * np.concatenate([[0.0], np.geomspace(LOWEST, 1.0, BANDS)]))
-        of_bands = n**2 * signals.torque_noise**2 / 2 * np.diff(first)[:, None] / first[-1]
+        lines = np.abs(np.fft.rfft(x * tukey(n, TAPER)[:, None], axis=0)) ** 2
+        return np.diff(first).clip(1)[:, None], np.add.reduceat(lines[: first[-1]], first[:-1], axis=0)
 
-        def power(x: np.ndarray) -> np.ndarray:
-            lines = np.abs(np.fft.rfft(x * tukey(n, TAPER)[:, None], axis=0)) ** 2
-            return np.add.reduceat(lines[: first[-1]], first[:-1], axis=0)
+    def _white(self, lines: np.ndarray, power: np.ndarray) -> np.ndarray:
+        """Power (n_m,) of the noise of the torques in a line: of the record, at most that of the quietest residuals.
 
-        least = (n * ROUNDING * np.std(self.measured, axis=0)) ** 2 / 2
-        return np.sqrt(power(error) / (np.mean([power(x) for x in drawn], axis=0) + of_bands + least)).max(axis=0)
+        What the drives of a robot make of noise in its loop are true torques, and no noise of their measurement.
+        """
+        of_record = (self.measured.shape[0] * self.signals.torque_noise) ** 2 / (2 * lines.sum())
+        return np.asarray(np.minimum(of_record, (power / lines).min(axis=0)))
 
     def loops(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Deflections of gears, torques of their elements, and these with the residuals: (k, gears, 3), arm side."""

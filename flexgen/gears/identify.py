@@ -81,7 +81,7 @@ def identify_gears(
         damping of these gears. Frictions and constant torques of the motors, and a delay of the torques, always are.
     band_hz : float, optional [Hz]
         Frequencies that are compared; default: as far as the motion is above the noise of the angles. Where the model
-        agrees only below 0.6 or 0.36 of that, the status is "noise too large".
+        agrees only below 0.6 or 0.36 of that, or but for the standard deviations, the status is "noise too large".
     progress : callable or bool, optional
 
     Returns
@@ -125,7 +125,7 @@ def identify_gears(
         return _result(robot, fitted, model, estimate(model, tell))
 
     result = fit(signals_of(record, robot.n_m, band_hz))
-    final = band_hz is not None or result.status is GearStatus.FITTED
+    final = band_hz is not None or result.status in (GearStatus.FITTED, GearStatus.NOISE)
     return result if final else _in_narrower_bands(result, lambda hz: fit(signals_of(record, robot.n_m, hz)), tell)
 
 
@@ -200,13 +200,16 @@ def _choose(robot: RobotModel, joints: Sequence[str] | None) -> tuple[int, ...]:
 
 def _result(robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, found: Estimate) -> GearFit:
     """The numbers of the model that a fit found, with its status."""
-    noise, error, size = fit.noise(found.theta), found.error.std(axis=0), fit.measured.std(axis=0)
+    noise, error, size = fit.noise(found.theta, found.error), found.error.std(axis=0), fit.measured.std(axis=0)
+    finite = bool(np.isfinite(found.covariance).all())
+    excess = fit.excess(found.theta, found.error, found.covariance if finite else np.zeros_like(found.covariance))
     status = GearStatus.FITTED
-    if not found.converged or not np.isfinite(found.covariance).all():
+    if not found.converged or not finite:
         status = GearStatus.NOT_CONVERGED
-    wrong = error > np.hypot(NOISE * noise, LEAST * size)
-    if wrong.any() or (fit.excess(found.theta, found.error) > EXCESS).any():
+    if (error > np.hypot(NOISE * noise, LEAST * size)).any() or (excess[1] > EXCESS).any():
         status = GearStatus.MODEL_ERROR
+    elif status is GearStatus.FITTED and (excess[0] > EXCESS).any():
+        status = GearStatus.NOISE  # what is left may be the errors of numbers that the noise lets determine poorly
     numbers = _Numbers(robot, fitted, fit, found)
     return GearFit(
         robot=robot,

@@ -41,7 +41,8 @@ class GearStatus(ExplainedStatus):
     )
     NOISE = (
         "noise too large",
-        "The model agrees with the record below a part of the frequencies only: noise of the angles hides a gear.",
+        "The model agrees with the record below a part of the frequencies only, or but for large standard deviations: "
+        "noise of the angles hides a gear.",
         "Do not use the numbers; record a longer or a larger motion, or angles with less noise.",
     )
 

@@ -3,7 +3,9 @@
 Both pass the same linear-phase low-pass filter, which a linear robot does not see. Torques, measured and computed from
 the angles, pass another one, since friction and hysteresis make higher frequencies than those of the motion. Above the
 motion lies noise: its density is that of the highest frequencies of the record, and the band ends where the motion
-falls below it.
+falls below it. Angles have a wider band than torques: little wider where torques are smooth, since noise would come
+through hysteresis. Rough torques, of drives that amplify the noise of their angles, shake the gears above the motion,
+which widens and shifts their loops, so that the angles keep more of it.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ LEAST_HZ, MOST = 5.0, 1 / 20  # of the band; the latter of the sample rate
 LEAST = 6  # lengths of the filter in a record, at least
 TAPS = 12  # length of the filter in periods of the end of the band
 WINDOW = ("kaiser", 9.0)
-WIDE = 1.2  # end of the band of the angles over that of the torques: noise between them would come through hysteresis
+WIDE = (1.2, 3.0)  # end of the band of the angles over that of the torques: with smooth torques, and with rough ones
+ROUGH = 1e-3  # of the torques: white noise in them from which they are rough
+SPECTRUM_S, STEEP = 4.0, ("kaiser", 18.0)  # pieces of the record; their window, whose side lobes are below the noise
 PER_PERIOD = 5  # samples in the period of that end, at least
 EVEN = 1e-6  # largest difference of a step in time from the others, relative
 QUIET = 0.35  # of the sample rate, above which all is noise
@@ -99,27 +103,29 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
     if still:
         raise ArgumentError(f"record: given motor {', '.join(still)} at rest, expected that all motors move")
     rate = 1.0 / float(steps.mean())
-    size = min(len(record.time), 4096)
-    f, power = welch(q_m, rate, nperseg=size, axis=0, detrend="linear")
+    size = min(len(record.time), int(SPECTRUM_S * rate))
+    f, power = welch(q_m, rate, STEEP, nperseg=size, axis=0, detrend="linear")
     floor = np.median(power[f > QUIET * rate], axis=0)
-    _, torque_power = welch(tau_m, rate, nperseg=size, axis=0, detrend="linear")
-    torque_floor = np.median(torque_power[f > QUIET * rate], axis=0)
+    _, torque_power = welch(tau_m, rate, STEEP, nperseg=size, axis=0, detrend="linear")
+    torque_sd = np.sqrt(np.median(torque_power[f > QUIET * rate], axis=0) * rate / 2)
+    wide = WIDE[int((torque_sd > ROUGH * tau_m.std(axis=0)).any())]
     if band_hz is None:
         moves = (power > ABOVE_NOISE * floor).any(axis=1) & (f < QUIET * rate)
         first_quiet = f[np.argmin(moves[1:]) + 1] if not moves[1:].all() else f[-1]
-        band_hz = float(np.clip(WIDER * first_quiet, LEAST_HZ, MOST * rate))
+        least_hz = max(LEAST_HZ, LEAST * TAPS / WIDE[0] / (record.time[-1] - record.time[0]))
+        band_hz = float(np.clip(WIDER * first_quiet, least_hz, MOST * rate))
     elif not is_number(band_hz) or not 0.0 < band_hz <= MOST * rate:
         raise ArgumentError(
             f"band_hz: given {show_value(band_hz)}, expected a number > 0, at most {MOST * rate:.4g} Hz"
         )
-    count = _count(rate, WIDE * band_hz)
+    count = _count(rate, wide * band_hz)
     if len(record.time) < LEAST * count:
         span, least = record.time[-1] - record.time[0], LEAST * count / rate
         raise ArgumentError(
             f"record: given {span:.3g} s, expected at least {least:.3g} s to compare motions below {band_hz:.3g} Hz"
         )
-    taps = firwin(count, WIDE * band_hz, fs=rate, window=WINDOW)
-    every = max(1, int(rate / (PER_PERIOD * WIDE * band_hz)))
+    taps = firwin(count, wide * band_hz, fs=rate, window=WINDOW)
+    every = max(1, int(rate / (PER_PERIOD * wide * band_hz)))
     half = count // 2
     return Signals(
         time=record.time[half : len(record.time) - half : every],
@@ -127,7 +133,7 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
         tau_m=_filter(tau_m, taps, every),
         band_hz=band_hz,
         angle_sd=np.sqrt(floor * rate / 2),
-        torque_sd=np.sqrt(torque_floor * rate / 2),
+        torque_sd=torque_sd,
         taps=taps,
         every=every,
     )

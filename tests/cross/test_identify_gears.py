@@ -57,13 +57,15 @@ def check_hysteresis(found: flexgen.GearFit) -> None:
 
 @pytest.mark.slow
 def test_noise_that_hides_a_gear_is_not_a_model_error() -> None:
-    """Stiff gears with light rotors: noise of 1e-4 rad hides the second one in 12 s, though the law is right."""
+    """Stiff gears with light rotors: 12 s show the first one through noise of 1e-4 rad, none through 1e-3 rad."""
     record, model = hysteretic_record("elbow", 12.0, step=5e-4), model_of("elbow")
-    lines: list[str] = []
-    found = flexgen.identify_gears(model, with_noise(record, NOISE), progress=lines.append)
+    found = flexgen.identify_gears(model, with_noise(record, 10 * NOISE), progress=False)
     assert found.status is GearStatus.NOISE and set(found.sd.values()) == {None}
-    assert any("comparing motions below" in line for line in lines)
-    assert flexgen.identify_gears(model, with_noise(record, 1e-5), progress=False).status is GearStatus.FITTED
+    found = flexgen.identify_gears(model, with_noise(record, NOISE), progress=False)
+    assert found.status is GearStatus.FITTED
+    assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=CLOSE)
+    sd = found.sd["q2.hysteresis.lost_motion"]
+    assert sd is not None and abs(found.values["q2.hysteresis.lost_motion"] - ARCMIN) < 3 * sd
 
 
 @pytest.mark.slow
@@ -147,6 +149,13 @@ def test_too_few_elements_are_a_model_error(elements: int) -> None:
 @pytest.mark.parametrize("seconds", [20.0, *(pytest.param(x, marks=pytest.mark.full) for x in (30.0, 60.0))])
 def test_a_record_with_noise_gives_the_loop(seconds: float) -> None:
     record = with_noise(hysteretic_record("planar5_nmp", seconds, step=5e-4), NOISE)
+    check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
+
+
+@pytest.mark.slow
+def test_noise_in_the_loop_of_the_drives_leaves_the_loop_of_the_gears() -> None:
+    """Drives make 10 % of their torques of noise of 1e-4 rad, which shakes the gears above the band of the motion."""
+    record = hysteretic_record("planar5_nmp", 20.0, step=5e-4, seed=2, noise=NOISE)
     check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
 
 

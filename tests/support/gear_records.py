@@ -29,10 +29,12 @@ def record_in_mujoco(
     seed: int = 1,
     step: float = 2e-4,
     sample: float = 1e-3,
+    noise: float = 0.0,
 ) -> Trajectory:
     """Angles and torques about the home of a model; ``made(deflections at rest)``: law and kept of `Plant`.
 
-    Each joint follows ``lines`` sines up to ``fastest`` Hz, ``size`` [rad]: of their sum, about.
+    Each joint follows ``lines`` sines up to ``fastest`` Hz, ``size`` [rad]: of their sum, about. ``noise`` [rad]: of
+    the angles that the feedback and the record have, white, held from sample to sample.
     """
     model = with_friction(flexgen.read(name), "viscous")
     rest = hold_joints(flexgen.derive(model), np.array(model.home))
@@ -49,9 +51,12 @@ def record_in_mujoco(
         ds += a * 2 * np.pi * f * np.cos(2 * np.pi * f * t[:, None] + phase)
     r, dr = rest.q_m + (grown * s) @ model.eta.T, (rate * s + grown * ds) @ model.eta.T
 
+    of_angles = noise * np.random.default_rng(seed + 50).normal(size=(round(seconds / sample) + 2, model.n_m))
+    of_speeds = np.diff(of_angles, axis=0, prepend=0.0) / sample
+
     def torque(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        k = round(2 * t / step)
-        return rest.tau_m + stiffness * (r[k] - q) + damping * (dr[k] - v)
+        k, n = round(2 * t / step), int(t / sample + 1e-6)
+        return rest.tau_m + stiffness * (r[k] - q - of_angles[n]) + damping * (dr[k] - v - of_speeds[n])
 
     k_p, k_v = feedback_gains(model)
     stiffness, damping = FIRM * k_p, np.sqrt(FIRM) * k_v
@@ -61,7 +66,7 @@ def record_in_mujoco(
     def look(k: int) -> None:
         if (k + 1) % every == 0:
             q, v = plant.d.qpos[plant.rotors].copy(), plant.d.qvel[plant.rotors].copy()
-            rows.append(np.concatenate([q, torque(plant.d.time, q, v)]))
+            rows.append(np.concatenate([q + of_angles[len(rows) + 1], torque(plant.d.time, q, v)]))
 
     plant.run(0.0, np.concatenate([rest.q_a, rest.q_m]), round(seconds / step), look)
     table = np.array(rows)

@@ -6,6 +6,8 @@ Of `flexgen.gears.signals`, `flexgen.gears.driven_arm`, `flexgen.gears.fit`, `fl
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -102,10 +104,26 @@ def test_the_model_of_a_record_is_what_it_was() -> None:
         e=error,
         J=J,
         loops=model.loops(theta, error),
-        noise=model.noise(theta),
-        excess=model.excess(theta, error),
+        noise=model.noise(theta, error),
+        excess=model.excess(theta, error, 1e-6 * np.eye(len(theta))),
         misfit=fit._misfit(error, model.measured),
     )
+
+
+def test_torques_of_a_noisy_loop_do_not_hide_a_wrong_law() -> None:
+    """White noise of the torques is no more than the quietest band of the residuals has, and hides no slow error."""
+    theta, rng = moved(), np.random.default_rng(8)
+    quiet = made()
+    noisy = copy(quiet)
+    noisy.signals = replace(quiet.signals, torque_sd=1e3 * quiet.signals.torque_noise)
+    k = len(quiet.measured)
+    slow = 1e-3 * np.sin(2 * np.pi * 0.2 * quiet.signals.sample_s * np.arange(k))
+    white = quiet.signals.torques(1e-6 * rng.normal(size=(k + 2 * quiet.signals.margin, 2)))
+    error = slow[:, None] * [1.0, 0.0] + white
+    none = np.zeros((len(theta), len(theta)))
+    assert noisy.excess(theta, error, none)[0, 0] > 3.0 * identify.EXCESS
+    of_torques = noisy.noise(theta, white)
+    assert_allclose(of_torques, np.hypot(white.std(axis=0), quiet.change_by_noise(theta).std(axis=0)), rtol=0.5)
 
 
 def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
