@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
-from scipy.signal import savgol_filter
 
 import flexgen
 from flexgen.errors import ArgumentError
@@ -22,6 +21,7 @@ from flexgen.identification.recordings.rigid_body import Motion, Regressor, Rigi
 from flexgen.identification.result import FitStatus
 from flexgen.model.elements import Body, RobotModel
 from flexgen.numerics import residual_statistics
+from flexgen.numerics.polynomial_filter import smooth_forces
 
 H = 4e-3
 
@@ -61,12 +61,7 @@ def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
     assert found.step == pytest.approx(H) and found.F[0].shape == (600, 2, 8)
     F = found.F[1]
     assert_allclose(F[:, :, 0], v * np.sign(np.diag(model.eta)))
-    slope = savgol_filter(
-        np.tanh(v * np.diag(model.eta) / (rigid_body.COULOMB_SPEED * ratio)),
-        rigid_body.WINDOW,
-        rigid_body.ORDER,
-        axis=0,
-    )
+    slope = smooth_forces(np.tanh(v * np.diag(model.eta) / (rigid_body.COULOMB_SPEED * ratio)))
     assert_allclose(F[:, :, 1], slope)
     assert_allclose(F[:, :, 2], 1.0)
     assert_allclose(F[:, :, 3], a * np.sign(np.diag(model.eta)))

@@ -25,7 +25,6 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from scipy.signal import savgol_filter
 
 from flexgen.analysis.feasible_bodies import Feasible, body_of, numbers_of, scales
 from flexgen.errors import ArgumentError
@@ -38,10 +37,10 @@ from flexgen.model.format_robot import HARMONICS
 from flexgen.model.friction import refuse_harmonics
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.polynomial_filter import WINDOW, derivatives, smooth_forces
 from flexgen.numerics.residual_statistics import covariance, parts_of, rms
 from flexgen.numerics.trust_region import Sums, minimize
 
-WINDOW, ORDER = 31, 5  # samples and degree of the polynomials that speeds and accelerations are taken from
 COULOMB_SPEED = 5e-4  # rad/s or m/s, arm side: width of the Coulomb step
 MOVING = 0.01  # rad/s or m/s: slower samples are not judged, friction at standstill is not determined
 CORRELATED = 50  # samples that share one error: the errors of a model are not white
@@ -81,15 +80,12 @@ class Motion:
     @cached_property
     def derivatives(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Joints, speeds and accelerations (n, n_g), from polynomials over `WINDOW` samples."""
-        step = float(np.median(np.diff(self.t)))
-        q, v, a = (savgol_filter(self.q, WINDOW, ORDER, deriv=k, delta=step, axis=0) for k in range(3))
-        return q, v, a
+        return derivatives(self.q, float(np.median(np.diff(self.t))))
 
     @cached_property
     def torques(self) -> np.ndarray:
-        """Torques (n, n_m) through the same filter as the motion: faster torques are not those of a rigid body."""
-        out: np.ndarray = savgol_filter(self.tau_m, WINDOW, ORDER, axis=0)
-        return out
+        """Torques (n, n_m) through the filter of the accelerations: faster torques are not those of a rigid body."""
+        return smooth_forces(self.tau_m)
 
 
 class Regressor:
@@ -355,8 +351,7 @@ class _Columns:
             scale = COULOMB_SPEED * np.abs(model.eta).max(axis=1)
             ratio = np.abs(model.eta).max(axis=1)
             rotor = a @ model.eta.T / ratio
-            step = savgol_filter(np.tanh(speed / scale), WINDOW, ORDER, axis=0)  # through the filter of the torques
-            columns = [speed / ratio, step, np.ones_like(speed), rotor]
+            columns = [speed / ratio, smooth_forces(np.tanh(speed / scale)), np.ones_like(speed), rotor]
             for k in range(2, most + 2):
                 for function in (np.sin, np.cos):
                     column = np.zeros_like(speed)
