@@ -1,14 +1,15 @@
 """What the residuals of a fit say: covariance from blocks of them, their size, and whether they are white.
 
-The normal equations of all numbers theta with the regressors X, the weights W and the scores g_b of blocks b of the
-residuals give
+The normal equations of all numbers theta with the regressors X, the weights W and the residuals e_b of blocks b give
 
-    H = (X' W X + P)^-1,      covariance = H (sum_b g_b g_b' + P) H
+    H = (X' W X + P)^-1,      g_b = (1 - X_b' W X_b H)^-1 X_b' W e_b,      covariance = H (sum_b g_b g_b' + P) H
 
-with the information P of a prior: errors of neighboring samples are alike, and so blocks are counted, not samples.
+with the information P of a prior: errors of neighboring samples are alike, and so blocks are counted, not samples. The
+scores g_b are those with the residuals of a fit without the block, since the fit makes residuals small.
 
-Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 8 (blocks); L. Ljung, System
-Identification, 2nd ed. 1999, sec. 16.5 (whiteness).
+Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 8 (blocks); R. Cook and S. Weisberg,
+Residuals and Influence in Regression, 1982, ch. 3 (fits without samples); L. Ljung, System Identification, 2nd ed.
+1999, sec. 16.5 (whiteness).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import math
 
 import numpy as np
 
+LEAST = 1e-9  # of the information of a block that other blocks have too
 LAGS = 20  # of the autocorrelations that are compared with those of white noise
 
 
@@ -37,16 +39,17 @@ def covariance(X: list[np.ndarray], error: np.ndarray, weight: np.ndarray, prior
     """
     scale = np.sqrt(sum(w**2 * (x**2).sum(axis=0) for x, w in zip(X, weight, strict=True)) + prior)
     scale = np.where(scale > 0, scale, 1.0)
-    A, count = np.zeros((len(scale), len(scale))), -(-len(error) // block)
-    scores = np.zeros((count, len(scale)))
+    starts, unit = range(0, len(error), block), np.eye(len(scale))
+    A, scores = np.zeros((len(starts), *unit.shape)), np.zeros((len(starts), len(scale)))
     for j, x in enumerate(X):
-        rows = x / scale * weight[j]
-        A += rows.T @ rows
-        each = rows * (error[:, j : j + 1] * weight[j])
-        scores += np.add.reduceat(each, np.arange(0, len(error), block), axis=0)
+        for b, start in enumerate(starts):
+            rows = x[start : start + block] / scale * weight[j]
+            A[b] += rows.T @ rows
+            scores[b] += rows.T @ (error[start : start + block, j] * weight[j])
     P = np.diag(prior / scale**2)
-    H = np.linalg.pinv(A + P, hermitian=True)
-    return np.asarray(H @ (scores.T @ scores + P) @ H / np.outer(scale, scale))
+    H = np.linalg.pinv(A.sum(axis=0) + P, hermitian=True)
+    g = np.linalg.solve((1 + LEAST) * unit - A @ H, scores[..., None])[..., 0]
+    return np.asarray(H @ (g.T @ g + P) @ H / np.outer(scale, scale))
 
 
 def parts_of(lengths: list[int], parts: int) -> list[tuple[int, slice]]:
