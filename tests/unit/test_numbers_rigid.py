@@ -224,8 +224,8 @@ def test_each_part_is_predicted_by_a_fit_to_all_others(monkeypatch: pytest.Monke
 def test_errors_of_a_rigid_fit_decide_on_its_status() -> None:
     one, scale = np.array([1.0, 1.0]), np.array([10.0, 10.0])
     status = rigid_accuracy.status_of
-    assert status(np.array([5.01, 1.0]), scale, None, None) == RigidStatus.MODEL_ERROR
-    assert status(np.array([4.99, 1.0]), scale, None, None) == RigidStatus.NOT_CHECKED
+    assert status(np.array([3.34, 1.0]), scale, None, None) == RigidStatus.MODEL_ERROR
+    assert status(np.array([3.33, 1.0]), scale, None, None) == RigidStatus.NOT_CHECKED
     assert status(one, scale, np.array([1.0, 2.01]), scale) == RigidStatus.POORLY_VALIDATED
     assert status(one, scale, np.array([1.0, 1.99]), scale) == RigidStatus.FITTED
     assert status(one, scale, np.array([1.0, 2.5]), 2 * scale) == RigidStatus.FITTED  # of the torque not worse

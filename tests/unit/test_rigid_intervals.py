@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
+import flexgen
+from flexgen.analysis.feasible_motors import is_possible
+from flexgen.identification.recordings.rigid_accuracy import RigidStatus
+from flexgen.identification.recordings.rigid_body import Motion, identify_rigid
 from flexgen.numerics.polynomial_filter import INNER, derivatives, smooth_forces
 from flexgen.numerics.residual_statistics import covariance
 
@@ -37,3 +44,36 @@ def test_scores_are_those_of_fits_without_a_block() -> None:
     changes = [fitted(np.tile(np.arange(60) // 12 != b, 2)) - everything for b in range(5)]
     expected = np.einsum("bi,bj->ij", changes, changes) + H @ np.diag(prior) @ H
     assert_allclose(covariance(X, error, weight, prior, 12), expected, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("sign, status", [(1.0, RigidStatus.FITTED), (-1.0, RigidStatus.MODEL_ERROR)])
+def test_torques_of_the_wrong_sign_are_a_model_error(sign, status) -> None:
+    """Of a horizontal arm, all torques are explained by negative frictions and rotors."""
+    model = replace(flexgen.read("elbow@rigid"), gravity=(0.0, 0.0, 0.0))
+    t, w = 4e-3 * np.arange(500), np.array([3.1, 4.3])
+    q, v, a = (
+        size * f(np.outer(t, w)) for f, size in ((np.sin, 0.9 / w), (np.cos, 0.9), (lambda x: -np.sin(x), 0.9 * w))
+    )
+    e = flexgen.derive(model).function("inverse_dynamics").map(len(t))
+    tau = np.array(e(q.T, v.T, a.T)).T @ np.linalg.inv(model.eta) + 0.02 * (v @ model.eta.T) + 0.5 * np.sign(v)
+    tau += np.array([m.inertia for m in model.motors]) * (a @ model.eta.T)
+    found = identify_rigid(model, [Motion(t, q, sign * tau)], parts=2)
+    assert found.status == status and (found.numbers_sd is None) == (sign < 0)
+    assert found.validated([Motion(t, q, sign * tau)], [Motion(t, q, sign * tau)]).status == status
+
+
+def test_motors_give_no_energy() -> None:
+    """Each of friction and rotor; what is within the doubt, or a small part of the torque, can be."""
+    model = flexgen.read("elbow@rigid")
+    ratio = np.abs(model.eta).max(axis=1)
+    v = np.sin(np.arange(200.0))
+    F = np.stack([np.stack([v, np.sign(v), np.ones(200), np.cos(np.arange(200.0))], axis=1)] * 2, axis=1)
+    fine, sure, torque = np.array([[0.5, 1.0, -9.0, 0.0]] * 2), 1e-6 * np.eye(8), np.ones(2)
+    assert is_possible(model, F, fine, sure, torque)
+    for column, value in ((0, -3.0), (1, -1.0), (3, -0.1 - model.motors[1].inertia * ratio[1])):
+        numbers = fine.copy()
+        numbers[1, column] = value
+        assert not is_possible(model, F, numbers, sure, torque)
+        assert is_possible(model, F, numbers, 4 * np.eye(8), torque) and is_possible(
+            model, F, numbers, sure, 1e3 * torque
+        )

@@ -14,7 +14,7 @@ from flexgen.spec.explained_status import ExplainedStatus
 
 BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
 WORSE = 2.0  # errors on recordings that were left out over those of the fit, from which on the fit fails there
-SMALL, LARGE = 0.1, 0.5  # errors over the deviation of the torque: too small to fail, and a model error
+SMALL, LARGE = 0.1, 1 / 3  # errors over the deviation of the torque: too small to fail, and a model error
 
 
 class RigidStatus(ExplainedStatus):
@@ -38,7 +38,7 @@ class RigidStatus(ExplainedStatus):
     )
     MODEL_ERROR = (
         "model error",
-        "The model leaves more than half of the torque of a motor unexplained.",
+        "The model leaves more than a third of the torque of a motor unexplained, or has a friction that gives energy.",
         "Check units, signs, sides and offsets of the recordings, the directions of the joints, and payload and "
         "counterbalance.",
     )

@@ -27,6 +27,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis.feasible_bodies import Feasible, body_of, numbers_of, scales
+from flexgen.analysis.feasible_motors import is_possible
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings import rigid_accuracy
 from flexgen.identification.recordings.counterbalances import fitted_balances, held_balances
@@ -173,6 +174,8 @@ class RigidFit:
         fitted, others : sequences of Motion
             Those of the fit, and others.
         """
+        if self.status is RigidStatus.MODEL_ERROR:
+            return self
         (error, scale), (there, there_scale) = (self._errors(motions) for motions in (fitted, others))
         return replace(self, status=rigid_accuracy.status_of(error, scale, there, there_scale))
 
@@ -279,9 +282,10 @@ def identify_rigid(
     )
     fitted = replace(robot, elements=elements, payload=Body(), motors=_motors(robot, friction))
     covariance = _covariance(columns, file, error, sd, prior)
+    if not is_possible(robot, np.concatenate(columns.F), friction, covariance[len(pi) :, len(pi) :], scale):
+        status = RigidStatus.MODEL_ERROR
     left_out = None if there is None else there / scale
-    rank = regressor.base_parameters()
-    return RigidFit(fitted, robot, pi, friction, sd, rank, extra, covariance, left_out, status)
+    return RigidFit(fitted, robot, pi, friction, sd, regressor.base_parameters(), extra, covariance, left_out, status)
 
 
 def _leave_out(
