@@ -108,7 +108,7 @@ def _place_element(
     world = (y - numbers.frame[:3]) @ frame_rotation(numbers.frame)
     inner, outer = [], []
     for k, mount in enumerate(statics.places):
-        if mount.node < 0 or not tree.carries[nodes[0], mount.node]:
+        if not tree.carries[nodes[0], mount.node]:
             continue
         rows = valid[:, k]
         inner.append(_in_frame(R_after, p_after, rest.points[:, k])[rows])
