@@ -41,7 +41,6 @@ from flexgen.inverse_kinematics import targets
 from flexgen.lab import initial_value
 from flexgen.library import compiler, object_cache
 from flexgen.numerics.tableaus import gauss
-from flexgen.performance import smoother
 from flexgen.performance.smoother import PathSmoother
 from flexgen.planning import model_limits
 from flexgen.runtime import stream
@@ -215,7 +214,7 @@ def test_a_smoother_goes_through_all_samples_twice() -> None:
         setattr(made, name, 0.4 * rng.normal(size=shape))
     vars(made).update(samples=2, _begin=3, sample_s=0.25, model=Made(n_a=2))
     y, u = rng.normal(size=(9, 3)), rng.normal(size=(9, 2))
-    rest = slice(max(0, 3 - round(smoother.REST_S / 0.25)), 3)
+    rest = slice(max(0, 3 - round(0.5 / 0.25)), 3)
     dy, du = y - y[rest].mean(axis=0), u - u[rest].mean(axis=0)
     z, before, after = np.zeros(4), [], []
     for k in range(9):
