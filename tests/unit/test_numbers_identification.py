@@ -155,14 +155,24 @@ def test_parameters_are_validated_where_there_is_another_experiment(
 def test_frictions_of_a_model_are_those_of_its_motors_and_joints() -> None:
     """Numbers above zero; beta only with a Coulomb friction."""
     none = SimpleNamespace(viscous=0.0, coulomb=0.0, beta=9.0)
-    motor = SimpleNamespace(name="m1", friction=SimpleNamespace(viscous=0.5, coulomb=2.0, beta=9.0))
+    motor = SimpleNamespace(name="m1", friction=SimpleNamespace(viscous=0.5, coulomb=0.9, beta=9.0))
     joints = [
         SimpleNamespace(name="q1", dof=SimpleNamespace(friction=none)),
         SimpleNamespace(name="q2", dof=SimpleNamespace(friction=SimpleNamespace(viscous=0.1, coulomb=0.0, beta=9.0))),
         SimpleNamespace(name="bend", dof=None),
+        SimpleNamespace(
+            name="q3", dof=SimpleNamespace(friction=SimpleNamespace(load_coulomb=0.1, coulomb=0.0, beta=9.0))
+        ),
     ]
     found: Any = SimpleNamespace(vector=SimpleNamespace(model=SimpleNamespace(motors=[motor], coordinates=joints)))
-    assert sorted(time_domain._frictions(found)) == ["m1.beta", "m1.coulomb", "m1.viscous", "q2.viscous"]
+    assert sorted(time_domain._frictions(found)) == [
+        "m1.beta",
+        "m1.coulomb",
+        "m1.viscous",
+        "q2.viscous",
+        "q3.beta",
+        "q3.load_coulomb",
+    ]
 
 
 def test_deviations_of_spectra_are_means_over_seven_lines() -> None:
