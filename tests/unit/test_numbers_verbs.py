@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from verb_arguments import arguments
 
 import flexgen
 from flexgen.benchmarks import tune as tuning
@@ -26,13 +26,6 @@ from flexgen.performance import minimum_time
 from flexgen.planning.guesses import from_solution
 
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
-
-
-def arguments(function: str, **given: Any) -> Namespace:
-    """Arguments of the command line, of which only ``given`` are set."""
-    names = {"set": None, "out": None, "prior": None, "add_poses": None, "report": None, "world": None}
-    row = SimpleNamespace(function=function)
-    return Namespace(row=row, given=list(given), **(names | given))
 
 
 class Found:
