@@ -1,0 +1,239 @@
+"""Identification of servos with the simulation replaced: searches of linear problems, deviations, records, filters."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace as Made
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import flexgen
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.loop.controllers import Cascade
+from flexgen.servo import identify
+from flexgen.servo.record import ServoRecord
+from flexgen.servo.servo import Servo
+
+H = 1e-3
+
+
+def cascade(integral: float = 2.0) -> Cascade:
+    return Cascade(np.array([20.0, 30.0]), np.array([5.0, 4.0]), np.array([integral, 0.0]))
+
+
+def made(**more: Any) -> Any:
+    """A fit of two motors without a simulation; parameters: logarithms of six gains, then three others."""
+    out = object.__new__(identify._Fit)
+    servo = Servo(cascade(), speed_feedforward=0.5, reference_filter_s=0.0, sample_time=H, delay=2.3e-3)
+    robot = Made(n_m=2, eta=np.diag([100.0, -50.0]), title="arm", motors=[Made(name="m1"), Made(name="m2")])
+    given = {"robot": robot, "servo": servo, "cascade": servo.feedback, "interpolation": "linear"}
+    for name, value in (given | more).items():
+        object.__setattr__(out, name, value)
+    return out
+
+
+@pytest.mark.parametrize("T", [2e-4, 1e-3, 7e-3])
+def test_the_delay_of_a_filter_is_that_of_a_ramp(T: float) -> None:
+    x, r = 0.0, 0.0
+    for _ in range(2000):
+        r += 3.0 * H
+        x += (1.0 - np.exp(-H / T)) * (r - x)
+    assert identify.delay_of_filter(T, H) == pytest.approx((r - x) / 3.0, rel=1e-9)
+    assert identify.filter_of_delay((r - x) / 3.0, H) == pytest.approx(T, rel=1e-9)
+    assert identify.filter_of_delay(0.0, H) == 0.0
+
+
+def test_parameters_are_logarithms_of_gains_and_numbers_within_bounds() -> None:
+    fit, p = made(), np.concatenate([np.log([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), [3.0, -1.0, 0.5]])
+    assert fit.gains == 6
+    assert_allclose(fit.first_gains, [[20.0, 30.0], [5.0, 4.0], [2.0, 0.0]])
+    assert_allclose(fit.gains_of(p), [[1.0, 2.0], [3.0, 4.0], [5.0, 0.0]])  # a gain that is zero stays zero
+    assert_allclose(fit.gains_of(np.array([p, p + np.log(2.0)]))[1], [[2.0, 4.0], [6.0, 8.0], [10.0, 0.0]])
+    assert_allclose(fit.within(p), [*p[:6], 2.0, 0.0, 0.2])
+    assert fit.within(p + 9.0)[7] == 0.19 and p[6] == 3.0
+    servo = fit.servo_of(np.array([*p[:6], 0.7, 5e-3, 1e-3]))
+    assert (servo.speed_feedforward, servo.sample_time) == (0.7, H)
+    assert identify.delay_of_filter(servo.reference_filter_s, H) == pytest.approx(5e-3)
+    law = fit._with_gains(np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]))
+    assert_allclose([law.position_gain, law.speed_gain, law.integral_gain], [[1, 2], [3, 4], [5, 6]])
+    assert fit._rest_of_delay == pytest.approx(0.3e-3)
+    for delay, rest in ((0.0, 0.0), (2e-3, 0.0), (0.4e-3, 0.4e-3), (2e-3 + 1e-13, 0.0)):
+        one = made(servo=Servo(cascade(), sample_time=H, delay=delay))
+        assert one._rest_of_delay == pytest.approx(rest, abs=1e-15)
+
+
+def test_a_search_begins_with_lower_gains_where_the_loop_is_unstable(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[np.ndarray] = []
+    limits = [0]
+
+    def run(self: Any, p: np.ndarray) -> Any:
+        tried.append(p)
+        return (p, p) if len(tried) > limits[0] else None
+
+    monkeypatch.setattr(identify._Fit, "run", run)
+    fit = made()
+    p, _, _ = fit.start()
+    first = np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1e-6])
+    assert_allclose(p[:6], first)
+    assert_allclose(p[6:], [0.5, identify.delay_of_filter(4e-3, H), H])  # a filter of four samples at least
+    slow = made(servo=Servo(cascade(), reference_filter_s=9e-3, sample_time=H))
+    assert slow.start()[0][7] == pytest.approx(identify.delay_of_filter(9e-3, H))
+    assert_allclose(fit.start(2.5)[0][:5], first[:5] - np.log(2.5))
+    limits[0] = 5
+    tried.clear()
+    assert_allclose(fit.start()[0][:6], first - 5 * np.log(1.5))
+    assert len(tried) == 6
+    limits[0] = 6
+    tried.clear()
+    with pytest.raises(SolverError) as caught:
+        fit.start()
+    text = "identify_servo: the loop is unstable with the gains of the servo and with lower ones"
+    assert str(caught.value) == text
+
+
+def test_a_search_of_a_linear_problem_ends_at_its_minimum() -> None:
+    rng = np.random.default_rng(8)
+    J = rng.normal(size=(60, 9))
+    best = 0.3 * rng.normal(size=9)
+    noise = 0.01 * rng.normal(size=60)
+    lines: list[str] = []
+    fit: Any = Made(within=lambda p: p, gains=6, result=lambda *given: given)
+    search: Any = identify._search
+    fit.run = lambda p: None if p[0] > 0.9 * abs(best[0]) + 9 else (J @ (p - best) + noise, J)
+    p, _, _, ended = search(fit, np.zeros(9), J @ -best + noise, J, lines.append)
+    expected = best - np.linalg.lstsq(J, noise, rcond=None)[0]
+    assert ended and np.abs(p - expected).max() < 1e-3
+    rms = 1e6 * np.sqrt(((J @ -best + noise) ** 2).mean())
+    assert lines[0] == f"step 1: {rms:.3g} urad of the motors' angles unexplained"
+    fit.run = lambda p: None  # unstable everywhere: the weight grows until the search ends
+    p, _, _, ended = search(fit, np.zeros(9), J @ -best + noise, J, lines.append)
+    assert ended and not p.any()
+
+
+def test_a_search_begins_again_with_lower_gains_until_noise_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[float] = []
+    left = {1.0: 5.0, 1.5: 4.0, 2.5: 7.0}
+
+    class Fit:
+        @classmethod
+        def begin(cls, *given: Any) -> Any:
+            return cls()
+
+        def start(self, lower: float = 1.0) -> tuple[float, int, int]:
+            begun.append(lower)
+            if left[lower] < 0:
+                raise SolverError("unstable")
+            return lower, 0, 0
+
+    monkeypatch.setattr(identify, "_Fit", Fit)
+    monkeypatch.setattr(identify, "_check_record", lambda record, robot: None)
+    monkeypatch.setattr(
+        identify, "_search", lambda fit, p, e, J, tell: Made(left=left[p], is_explained=left[p] < 1.5, first=p)
+    )
+    zero = np.zeros((100, 2))
+    record = ServoRecord(4e-3 * np.arange(100), zero, zero)
+    assert flexgen.identify_servo("elbow", record).first == 1.5 and begun == [1.0, 1.5, 2.5]  # type: ignore[attr-defined]
+    for changed, first, expected in (({1.5: 1.0}, 1.5, [1.0, 1.5]), ({1.0: 1.0}, 1.0, [1.0]), ({1.5: -1.0}, 1.0, None)):
+        begun.clear()
+        left |= {1.0: 5.0, 1.5: 4.0, 2.5: 7.0} | changed
+        assert flexgen.identify_servo("elbow", record).first == first  # type: ignore[attr-defined]
+        assert begun == (expected or [1.0, 1.5, 2.5])
+
+
+def test_deviations_are_those_of_leaving_out_blocks_of_a_quarter_of_a_second() -> None:
+    rng, n = np.random.default_rng(4), 300
+    record = Made(period=5e-3, time=5e-3 * np.arange(n))
+    J = rng.normal(size=(2 * n, 4)) * [1.0, 1e3, 1e-3, 0.0]
+    e = rng.normal(size=2 * n)
+    known = J[:, :3]
+    e -= known @ np.linalg.lstsq(known, e, rcond=None)[0]  # at the minimum
+    changes = []
+    for first in range(0, n, 50):
+        kept = np.ones(2 * n, bool)
+        kept[2 * first : 2 * (first + 50)] = False
+        changes.append(np.linalg.lstsq(known[kept], -e[kept], rcond=None)[0])
+    expected = np.sqrt((np.array(changes) ** 2).sum(axis=0) * (1 - 1 / 6))
+    found = made(record=record)._deviations(e, J)
+    assert_allclose(found[:3], expected, rtol=1e-6)
+    assert found[3] == 0.0
+
+
+def test_a_result_tells_what_is_explained_and_what_is_noise() -> None:
+    """White noise is what third differences show, over the square root of 20; a ten thousandth of the lag at least."""
+    rng, n = np.random.default_rng(5), 4000
+    command = np.outer(np.linspace(0.0, 1.0, n), [1.0, 2.0])
+    angle = command - 0.02 * np.sin(np.arange(n) / 300)[:, None] + [0.3, -0.1]  # zeros of the angles are not known
+    record = ServoRecord(4e-3 * np.arange(n), command, angle)
+    fit = made(record=record)
+    sd = np.arange(1.0, 10.0) * 1e-3
+    object.__setattr__(fit, "_deviations", lambda e, J: sd.copy())
+    p = np.concatenate([np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1.0]), [0.9, 6e-3, 8e-3]])
+    slow = np.cos(np.arange(n) / 500)
+    e = np.stack([1e-3 * rng.normal(size=n) + 5e-3 * slow, 0.0 * slow], axis=1)
+    found = fit.result(p, e.ravel(), np.ones((2 * n, 9)), True)
+    assert (found.latency_s, found.converged, found.motors, found.model) == (8e-3, True, ("m1", "m2"), "arm")
+    assert_allclose(found.gain_sd, sd[:6].reshape(3, 2))
+    assert found.common_sd["speed_feedforward"] == 7e-3 and found.common_sd["latency_s"] == sd[8]
+    ends = [identify.filter_of_delay(d, H) for d in (0.0, 6e-3, 14e-3)]
+    assert found.common_sd["reference_filter_s"] == pytest.approx(max(ends[1] - ends[0], ends[2] - ends[1]))
+    assert_allclose(found.unexplained, np.sqrt((e**2).mean(axis=0)))
+    assert found.noise[0] == pytest.approx(1e-3, rel=0.05)
+    lag = (command - angle) @ np.diag([100.0, -50.0])
+    lag = lag - lag[0]
+    assert found.noise[1] == pytest.approx(1e-4 * np.sqrt((lag[:, 1] ** 2).mean()))
+    assert found.explained == pytest.approx(1 - (e**2).sum() / (lag**2).sum())
+    assert fit.result(p, 1e5 * e.ravel(), np.ones((2 * n, 9)), True).explained == 0.0
+
+
+def test_commands_with_a_latency_are_mixed_between_samples_where_they_are_held() -> None:
+    t = 4e-3 * np.arange(40)
+    time = H * np.arange(150)
+    record = Made(time=t)
+    steps = np.arange(40.0)
+    held = made(record=record, time=time, interpolation="hold")
+    for late, whole, part in ((0.0, 0, 0.0), (2e-3, 2, 0.0), (2.25e-3, 2, 0.25)):
+
+        def sent(k: int) -> np.ndarray:
+            return np.floor(np.maximum(np.arange(150) - k, 0) / 4)
+
+        assert_allclose(held._late(late) @ steps, (1 - part) * sent(whole) + part * sent(whole + 1), atol=1e-9)
+    lines = made(record=record, time=time)
+    assert_allclose(lines._late(2.25e-3) @ steps, np.maximum(time - 2.25e-3, 0.0) / 4e-3, atol=1e-9)
+
+
+def test_records_that_do_not_fit_a_robot_are_refused() -> None:
+    limits = {f"element.{x}_deg": y for x, y in (("upper.dof.q1.lower", -90.0), ("upper.dof.q1.upper", 90.0))}
+    robot = flexgen.read("elbow", overrides=limits)
+    t = 4e-3 * np.arange(400)
+    move = np.clip((t - 0.1) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]
+
+    def record(command: np.ndarray, angle: np.ndarray | None = None) -> ServoRecord:
+        return ServoRecord(t, command, command if angle is None else angle, "run.csv")
+
+    still = move * [1.0, 0.0]
+    beyond = 100.0 + move * [50.0, 0.5]
+    early = np.clip((t - 0.04) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]
+    identify._check_record(record(move, 4.99 * move), robot)
+    identify._check_record(record(np.clip((t - 0.0555) / 0.5, 0.0, 1.0)[:, None] * [1.0, 0.5]), robot)
+    identify._check_record(record(1.55 + move), robot)  # within at its begin
+    rest = "expected that it begins at rest"
+    for given, text in (
+        (ServoRecord(t, move[:, :1], move[:, :1]), "record: given 1 joints, expected 2 as of elbow"),
+        (record(still), "run.csv: given commands that do not move q2, expected that every joint moves"),
+        (
+            record(beyond),
+            "run.csv: given commands of q1 from 100 to 150 rad, all beyond its limits, expected some within; the unit "
+            "of its columns?",
+        ),
+        (
+            record(move, 5.01 * move),
+            "run.csv: given angles of q1 that move 5.01 times as far as its commands, expected angles of the joint: "
+            "those of the motor over the gear ratio, in the unit of the column",
+        ),
+        (record(early), f"run.csv: given a command that moves within the first 50 ms, {rest}"),
+    ):
+        with pytest.raises(ArgumentError) as caught:
+            identify._check_record(given, robot)
+        assert str(caught.value) == text
