@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace as Made
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -12,6 +12,9 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import Cascade
+from flexgen.loop.gains import PPI
+from flexgen.mechanics.equations import derive
+from flexgen.numerics.evaluate import evaluate
 from flexgen.servo import identify
 from flexgen.servo.record import ServoRecord
 from flexgen.servo.servo import Servo
@@ -237,3 +240,119 @@ def test_records_that_do_not_fit_a_robot_are_refused() -> None:
         with pytest.raises(ArgumentError) as caught:
             identify._check_record(given, robot)
         assert str(caught.value) == text
+
+
+class Loop:
+    """A robot whose speed controller is perfect: its angles are what the cascade with full feedforward is sent."""
+
+    made: ClassVar[list[Loop]] = []
+    wrong: ClassVar[list[str]] = []
+
+    def __init__(self, *given: Any, delay_samples: int, parameters: Any, steps: int | None) -> None:
+        self.given, self.late, self.parameters, self.asked, self.steps = (
+            given,
+            delay_samples,
+            parameters,
+            steps,
+            steps or 7,
+        )
+        self.failures = [Loop.wrong.pop(0) if Loop.wrong else "", ""]
+        Loop.made.append(self)
+
+    def hold(self, torque: np.ndarray) -> None:
+        self.torque = torque
+
+    def run(self, rows: np.ndarray, count: int, check: bool) -> Any:
+        assert len(rows) == count and not check and (rows[:, :, 2:] == self.torque[0]).all()
+        return Made(q_m=rows[:, :, :2])
+
+
+def servo_angles(p: np.ndarray, time: np.ndarray, record: ServoRecord, eta: np.ndarray) -> np.ndarray:
+    """Angles of the motors at the instants of the record, by the recursions of a servo whose speeds are perfect."""
+    k_p, (f, d, late) = np.exp(p[:2]), p[6:]
+    motors = record.command @ eta.T
+    late_times = np.maximum(time - late, record.time[0])
+    r = np.stack([np.interp(late_times, record.time, column) for column in motors.T], axis=1)
+    share = 1.0 - d / (d + H)  # d = h (1 - a)/a
+    q, filtered, last, out = motors[0], motors[0], motors[0], []
+    for r_k in r:
+        filtered = filtered + share * (r_k - filtered)
+        q = (q / H + f * (filtered - last) / H + k_p * filtered) / (1 / H + k_p)
+        last = filtered
+        out.append(q)
+    return np.stack([np.interp(record.time, time, column) for column in np.array(out).T], axis=1)
+
+
+def test_residuals_and_slopes_are_those_of_the_servo(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their means are taken off, since zeros of the angles are not known; a loop that slips fast gets finer steps."""
+    monkeypatch.setattr(identify, "ClosedLoop", Loop)
+    t = 2.0 + 4e-3 * np.arange(130)
+    rise = np.clip((t - 2.1) / 0.3, 0.0, 1.0)
+    command = np.outer(rise**2 * (3 - 2 * rise), [0.5, -0.3]) + np.array([0.2, 0.1])
+    record = ServoRecord(t, command, 0.98 * command + 0.05)
+    robot = Made(n_m=2, n_a=2, eta=np.array([[100.0, 0.0], [20.0, -50.0]]))
+    time = t[0] + H * np.arange(517)
+    measured = (record.angle - record.angle[0] + command[0]) @ robot.eta.T
+    rest = np.array([0.3, 0.4]), np.array([7.0, -8.0])
+    fit = made(
+        robot=robot, record=record, time=time, measured=measured, library="c", rest=rest, rate=50.0, gears="gears"
+    )
+    p = np.concatenate([np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1.0]), [0.6, 3e-3, 2.4e-3]])
+    Loop.made.clear()
+    e, J = fit.run(p)
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        apart = servo_angles(p, time, record, robot.eta) - measured
+        return np.asarray(apart - apart.mean(axis=0)).ravel()
+
+    assert_allclose(e, residual(p), atol=1e-9)
+    steps = np.array([1e-4] * 6 + [1e-4, 1e-6, 1e-6])
+    for k, h in enumerate(steps):
+        change = h * (np.arange(9) == k)
+        slope = (residual(p + change) - residual(p - change)) / (2 * h)
+        assert_allclose(J[:, k], slope, atol=6e-3 * np.abs(slope).max() + 1e-9)
+    (loop,) = Loop.made
+    model, library, hardware, law, q_a, q_m, rate = loop.given
+    assert (model, library, rate, loop.late, loop.asked, loop.parameters) == (robot, "c", 50.0, 2, None, "gears")
+    assert (hardware.sample_s, hardware.delay_s) == (H, pytest.approx(0.3e-3)) and not hardware.torque_max_Nm
+    assert_allclose(q_a, np.tile(rest[0], (10, 1)))
+    assert_allclose(q_m, np.tile(command[0] @ robot.eta.T, (10, 1)))
+    assert_allclose(
+        law.position_gain[:3], np.array([[20.0, 30.0]] * 3) * [[1, 1], [np.exp(1e-3), 1], [1, np.exp(1e-3)]]
+    )
+    assert_allclose(law.speed_gain[[0, 3]], [[5.0, 4.0], [5.0 * np.exp(1e-3), 4.0]])
+    Loop.made.clear()
+    Loop.wrong[:] = [identify.TOO_LONG] * 2
+    assert fit.run(p) is not None and [loop.asked for loop in Loop.made] == [None, 28, 112]
+    Loop.made.clear()
+    Loop.wrong[:] = [identify.TOO_LONG] * 9
+    assert fit.run(p) is None and [loop.asked for loop in Loop.made] == [None, 28, 112, 448]
+    Loop.wrong[:] = ["unstable"]
+    assert fit.run(p) is None
+    Loop.wrong.clear()
+
+
+def test_a_fit_begins_at_rest_where_the_record_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the gains of a P-PI for one sample time and the delay, and angles that begin at the command."""
+    monkeypatch.setattr(identify, "library_with", lambda model, functions: functions)
+    robot = flexgen.read("elbow")
+    t = 1.0 + 4e-3 * np.arange(251)
+    command = np.outer(np.linspace(0.0, 1.0, 251) ** 2, [0.4, -0.6]) + np.array([0.2, 0.3])
+    record = ServoRecord(t, command, command + 0.01 * t[:, None])
+    servo = Servo(PPI(), sample_time=3e-3, delay=1e-3)
+    fit = identify._Fit.begin(robot, record, servo, "cubic", lambda line: None)
+    eta = np.diag([motor.ratio[0] for motor in robot.motors])
+    assert_allclose(fit.time, 1.0 + 3e-3 * np.arange(334))
+    assert_allclose(fit.measured, (command + 0.01 * (t - 1.0)[:, None]) @ eta)
+    assert (fit.library, fit.gears, fit.interpolation) == (["forward_dynamics"], None, "cubic")
+    weight = evaluate(derive(robot).function("gravity"), fit.rest[0][None])[0].ravel()
+    assert_allclose(eta @ fit.rest[1], weight, rtol=1e-6)  # the motors carry the arm, which hangs in its springs
+    K = [dof.gear.spring.stiffness for element in robot.elements for dof in element.dofs]  # type: ignore[union-attr]
+    assert_allclose(command[0] - fit.rest[0], weight / K, rtol=1e-3)
+    still = np.zeros((1, 2))
+    motion = (fit.rest[0][None], still, still, command[:1] @ eta, still, still, still)
+    expected = PPI().cascade(robot, 4e-3, motion)
+    assert_allclose(fit.cascade.speed_gain, expected.speed_gain, rtol=1e-2)
+    assert_allclose(fit.cascade.position_gain, expected.position_gain, rtol=1e-2)
+    own = Servo(cascade(), sample_time=H)
+    assert identify._Fit.begin(robot, record, own, "linear", lambda line: None).cascade is own.feedback
