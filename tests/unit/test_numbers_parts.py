@@ -1,0 +1,136 @@
+"""Small parts of several rooms by hand: trials of controllers, tables of zeros, states of motors, chains of joints."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace as Made
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import flexgen
+from flexgen.analysis.mechanisms import on_one_chain
+from flexgen.benchmarks import bench
+from flexgen.benchmarks.bench import Bench
+from flexgen.loop.hysteresis import States
+from flexgen.memory.lugre import MotorBristles
+from flexgen.numerics.records import first_period_excess
+from flexgen.reports import html
+
+
+# --- benchmarks -------------------------------------------------------------------------------------------------------
+def trial(draws: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> Any:
+    """Two robots, and the nominal one with another gain and another delay; measures are the largest outputs."""
+    outputs = [Made(name="tool", unit="m"), Made(name="elbow", unit="rad")][: more.pop("outputs", 1)]
+    accept = Made(gain=1.5, delay_s=2e-3, rest=1e-3, torque_noise_Nm=0.5)
+    made: Any = object.__new__(Bench)
+    made.scenario = Made(plants=Made(names=["nominal", "soft"]), accept=accept, delay_s=1e-3, outputs=outputs)
+    made.draws = [Made(windows=k) for k in range(draws)]
+    monkeypatch.setattr(bench, "compute_measures", lambda s, windows, z, u: np.array([z.max(), u.max()]))
+    monkeypatch.setattr(bench, "at_rest", lambda s, windows, z: np.abs(z[-1]))
+    names = [Made(name="tool error"), Made(name="torque, peak to peak")]
+    monkeypatch.setattr(bench, "measures_of", lambda s: names)
+    asked: list[Any] = []
+
+    def simulate(controller: Any, lanes: Any, gains: np.ndarray, delays: np.ndarray, draw: Any, tell: Any) -> Any:
+        asked.append((lanes, gains.tolist(), delays.tolist(), draw))
+        if tell:
+            tell("step")
+        z, u = np.zeros((5, 4, len(outputs))), np.full((5, 4, 1), 0.4)
+        z[2], u[2] = 0.1 * np.arange(4)[:, None], 0.5
+        for k, value in more.get("last", {}).items():
+            z[-1, k, -1] = value
+        u[3, 0] = more.get("noise", 0.0)
+        return z, u, more.get("failures", ["", "", "", ""])
+
+    monkeypatch.setattr(made, "simulate", simulate)
+    return made, asked
+
+
+def test_robots_of_a_benchmark_have_margins_of_gain_and_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, asked = trial(1, monkeypatch)
+    lines: list[str] = []
+    found = made.run("controller", lines.append)
+    assert asked == [([0, 1, 0, 0], [1.0, 1.0, 1.5, 1.0], [1e-3, 1e-3, 1e-3, 2e-3], made.draws[0])]
+    assert_allclose(found.values, [[[0.0, 0.5], [0.1, 0.5]]])
+    assert found.refused == () and lines == ["step"]
+    made, asked = trial(2, monkeypatch, last={1: 2e-3, 3: np.nan}, noise=0.75)
+    found = made.run("controller", lines.append)
+    reasons = (
+        "soft: not at rest in the end: 0.002 m peak to peak, expected 0.001 m",
+        "nominal, delay 2 ms: not at rest in the end: nan m peak to peak, expected 0.001 m",
+        "nominal: torque noise of 0.75 N m peak to peak, expected at most 0.5 N m",
+    )
+    assert found.refused == tuple(f"draw {k} of 2, {reason}" for k in (1, 2) for reason in reasons)
+    assert lines == ["step", "draw 1 of 2, step", "draw 2 of 2, step"] and found.values.shape == (2, 2, 2)
+    made, _ = trial(1, monkeypatch, last={2: 5e-3, 0: np.nan}, outputs=2)
+    text = "nominal, gain 1.5 times as large: elbow not at rest in the end: 0.005 rad peak to peak, expected 0.001 rad"
+    assert (
+        text in made.run("controller").refused and "nominal: tool error is not a finite number" in made.run("c").refused
+    )
+    made, _ = trial(1, monkeypatch, last={1: np.nan}, failures=["", "soft fell", "", ""], noise=0.75)
+    assert made.run("controller").refused == ("soft: soft fell", reasons[-1])
+
+
+# --- reports ----------------------------------------------------------------------------------------------------------
+def test_zeros_in_a_page_are_pairs_or_real(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a pair the upper one; rounding of either sign, relative to the size of the zero, is none."""
+    monkeypatch.setattr(html, "html_table", lambda head, rows, *numbers: f"{head[0]}: {[tuple(row) for row in rows]}\n")
+    monkeypatch.setattr(html, "_complex", lambda z: f"{z.real:g}")
+    monkeypatch.setattr(html.plots, "phase_summary", lambda analysis: "minimum phase")
+    zeros = [1 + 2j, 1 - 2j, 3e4 + 1e-6j, 4e4 - 1e-6j, -5e-3 + 1e-6j, -6e-3 - 1e-6j, 7 + 0j, 1e-12 + 8j]
+    modes = [(12.5, 0.015), (1e-9, 0.5), (40.0, 0.1)]
+    analysis: Any = Made(modes=modes, zeros=Made(zeros=zeros, preview_s=0.0123))
+    found = html.dynamics_tables(analysis)
+    rows = [("1 and its conjugate", "unstable"), ("30000", "unstable"), ("40000", "unstable")]
+    rows += [
+        ("-0.005 and its conjugate", "stable"),
+        ("7", "unstable"),
+        ("1e-12 and its conjugate", "on the imaginary axis"),
+    ]
+    assert f"zero, 1/s: {rows}\n" in found
+    assert "mode: [('1', '12.5', '1.5'), ('2', '40', '10')]\n" in found
+    text = "<p>Minimum phase. Preview required for exact tracking (14 time constants): 12.3 ms.</p>\n"
+    assert found.endswith(text)
+    analysis.modes, analysis.zeros = [], Made(zeros=[], preview_s=0.0)
+    assert "<p>No oscillatory mode.</p>" in html.dynamics_tables(analysis)
+    assert html.dynamics_tables(analysis).endswith("<p>Minimum phase.</p>\n")
+
+
+# --- mechanics --------------------------------------------------------------------------------------------------------
+def test_states_of_motors_do_not_divide_by_zero_where_there_are_none() -> None:
+    motors = MotorBristles(
+        *(np.array(x) for x in ([0.0, 2.0, 3.0], [0.0, 2.5, 1.0], [0.0, 0.1, 0.2])), *np.zeros((2, 3))
+    )
+    layer: Any = Made(stiffness=np.array([6.0, 5.0]), slip=np.array([3.0, 0.0]), present=np.array([True, False]))
+    found = States((layer,), motors)
+    levels = [0.0, 2.5, 3.0, 1.0, 2.0, 3.0, 1.0, 2.5, 1.0]  # the larger one, Coulomb, static
+    assert_allclose(found.of_motors()[:12], [*levels, 0.0, 0.1, 0.2])
+    assert_allclose(found.numbers(), [3.0, 0.0, 2.0, 0.0])
+
+
+def test_joints_of_one_chain_are_those_of_an_element_and_its_parents() -> None:
+    def element(name: str, *joints: str) -> Any:
+        return Made(name=name, dofs=[Made(name=joint) for joint in joints])
+
+    elements = [element("trunk", "q0"), element("left", "q1", "q2"), element("right", "q3"), element("hand", "q4")]
+    model: Any = Made(elements=elements, parents={"trunk": "base", "left": "trunk", "right": "trunk", "hand": "left"})
+    for joints in (["q0"], ["q0", "q1", "q2", "q4"], ["q4", "q0"], ["q0", "q3"], []):
+        assert on_one_chain(model, joints)
+    for joints in (["q1", "q3"], ["q0", "q3", "q4"], ["q9"]):
+        assert not on_one_chain(model, joints)
+    assert on_one_chain(flexgen.read("manutec_r3"), ["q1", "q2", "q3"])
+
+
+@pytest.mark.parametrize(("factor", "seen"), [(0.98, False), (1.02, True)])
+def test_a_transient_is_one_beyond_six_deviations_of_the_ratio(factor: float, seen: bool) -> None:
+    """All lines of the same power: the ratio of two means of ``count`` real numbers scatters by sqrt(4 / count)."""
+    lines, records = 50, 3
+    count = 2 * records * lines
+    ratio = 1.0 + factor * 6.0 * np.sqrt(4 / count)
+    X = np.cumsum(np.stack([np.zeros((records, lines, 1)), *[np.ones((records, lines, 1))] * 3], axis=1), axis=1) + 0j
+    X[:, 0] = X[:, 1] - np.sqrt(ratio)
+    expected = ratio if seen else 1.0
+    assert_allclose(first_period_excess(X), [expected])
+    assert_allclose(first_period_excess(X[:, :2]), [1.0])
