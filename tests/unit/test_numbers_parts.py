@@ -13,9 +13,15 @@ import flexgen
 from flexgen.analysis.mechanisms import on_one_chain
 from flexgen.benchmarks import bench
 from flexgen.benchmarks.bench import Bench
+from flexgen.calibration import result as calibrated
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.recordings import experiment_file
+from flexgen.loop import margins
 from flexgen.loop.hysteresis import States
 from flexgen.memory.lugre import MotorBristles
 from flexgen.numerics.records import first_period_excess
+from flexgen.paths import redundancy
+from flexgen.performance import minimum_time
 from flexgen.reports import html
 
 
@@ -134,3 +140,107 @@ def test_a_transient_is_one_beyond_six_deviations_of_the_ratio(factor: float, se
     expected = ratio if seen else 1.0
     assert_allclose(first_period_excess(X), [expected])
     assert_allclose(first_period_excess(X[:, :2]), [1.0])
+
+
+# --- bounds of arguments ----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"coefficients": 3}, "coefficients: given 3, expected 4 to 60"),
+        ({"coefficients": 61}, "coefficients: given 61, expected 4 to 60"),
+        ({"torque_rate": 0.0}, "torque_rate: given 0.0, expected a number > 0"),
+        ({"against": "95 %"}, "against: given elbow without a table [uncertainty], expected one in its file"),
+        ({"against": "95 %", "force": np.zeros((5, 3))}, "against: given with a force, expected one of both: the"),
+        ({"time_limit": -1.0}, "time_limit: given -1.0, expected a time >= 0 in s; None or 0: no limit"),
+        ({"vibration": 0.0}, "vibration: given 0.0, expected a size > 0 in m, or rad where the output has no lengths"),
+    ],
+)
+def test_arguments_of_fastest_have_bounds(given: dict[str, Any], text: str) -> None:
+    with pytest.raises(ArgumentError) as caught:
+        flexgen.fastest("elbow", **given)
+    assert str(caught.value).startswith(text)
+
+
+@pytest.mark.parametrize("count", [4, 60])
+def test_fastest_takes_the_stated_counts(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(minimum_time, "_find_fastest", lambda robot, move, given, progress: asked.append(given))
+    flexgen.fastest("elbow", coefficients=count, torque_rate=1e-3, vibration=1e-9, time_limit=0.0)
+    assert asked == [minimum_time._Asked(None, 1e-3, 1e-9, count, None)]
+
+
+@pytest.mark.parametrize(
+    ("sample_s", "count", "transients", "parts", "text"),
+    [
+        (0.01, 100, 0, 5, ""),
+        (0.01, 79, 1, 2, ""),
+        (0.02 / 3, 90, 0, 3, ""),
+        (0.01, 59, 1, 0, "given 59 samples, expected at least two periods of 20 samples after 1 transient ones"),
+        (
+            0.0099,
+            100,
+            0,
+            0,
+            "given a sample time of 0.0099 s, expected a whole number of samples in period_s = 0.2 s, ",
+        ),
+        (0.2, 100, 0, 0, "given a sample time of 0.2 s, expected a whole number of samples in period_s = 0.2 s, not 1"),
+    ],
+)
+def test_recordings_are_cut_into_whole_periods(
+    sample_s: float, count: int, transients: int, parts: int, text: str
+) -> None:
+    x = np.arange(float(count))[:, None]
+    names = ("tau_m", "q_m", "signals", "references")
+    recording: Any = Made(file="run.npz", t=x[:, 0], sample_s=sample_s, **dict.fromkeys(names, x))
+    if text:
+        with pytest.raises(ArgumentError) as caught:
+            experiment_file._parts(recording, 0.2, transients, True)
+        assert str(caught.value).startswith(f"run.npz: {text}")
+        return
+    n = round(0.2 / sample_s)
+    for found in experiment_file._parts(recording, 0.2, transients, True):
+        assert found.shape == (parts, n, 1)
+        assert_allclose(found[:, 0, 0], n * (transients + np.arange(parts)))
+    halves = experiment_file._parts(recording, 0.2, transients, False)[0]
+    assert_allclose(halves[:, 0, 0], np.arange(transients * n, count - n + 1, n // 2))
+
+
+def test_the_largest_stable_value_is_found_by_halves() -> None:
+    asked: list[float] = []
+
+    def stable(value: float) -> bool:
+        asked.append(value)
+        return value < 2.7
+
+    found = margins._find_largest(stable, 1.0, [2.0, 4.0, 8.0])
+    assert 2.7 - 2.0 / 2**margins.BISECTIONS <= found < 2.7 and asked[:2] == [2.0, 4.0] and 8.0 not in asked
+    assert margins._find_largest(lambda x: True, 1.0, [2.0]) == np.inf
+    assert margins._find_largest(lambda x: x <= 1.0, 1.0, np.array([2.0])) < 1.0 + 1.1 / 2**margins.BISECTIONS
+
+
+def test_a_calibrated_model_is_of_the_same_variant(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(calibrated, "read", lambda file, variant, overrides: asked.append((file, variant, overrides)))
+    monkeypatch.setattr(calibrated.Calibration, "changes", property(lambda self: {"key": 1.0}))
+    for variant, expected in (("stiff", "stiff"), ("", None)):
+        made = object.__new__(calibrated.Calibration)
+        object.__setattr__(made, "nominal", Made(file="arm.toml", variant=variant))
+        assert made.model is None and asked[-1] == ("arm.toml", expected, {"key": 1.0})
+    object.__setattr__(made, "nominal", Made(file="", variant=""))
+    text = "calibration: given a model without a file, expected one that was read from a .toml file"
+    with pytest.raises(ArgumentError) as caught:
+        _ = made.model
+    assert str(caught.value) == text
+
+
+def test_a_redundant_arm_moves_its_free_joints_as_little_as_it_can() -> None:
+    made: Any = object.__new__(redundancy._Follower)
+    made.free = np.array([True, False, True, True])
+    jacobian, rate = np.array([[1.0, 9.0, 2.0, 0.0], [0.0, 9.0, 1.0, 1.0]]), np.array([0.3, -0.2])
+    found = made._solve_least_norm(jacobian, rate, 0.25)
+    assert_allclose(found[made.free], np.linalg.pinv(jacobian[:, made.free]) @ rate)
+    assert found[1] == 0.0
+    jacobian[1] = 2 * jacobian[0] + 1e-14
+    with pytest.raises(SolverError) as caught:
+        made._solve_least_norm(jacobian, rate, 0.256)
+    assert str(caught.value) == "redundant arm: a singular pose after 25.6 % of the path"
