@@ -22,6 +22,7 @@ from flexgen.memory.lugre import MotorBristles
 from flexgen.numerics.records import first_period_excess
 from flexgen.paths import redundancy
 from flexgen.performance import minimum_time
+from flexgen.planning import problem as planned
 from flexgen.reports import html
 
 
@@ -244,3 +245,17 @@ def test_a_redundant_arm_moves_its_free_joints_as_little_as_it_can() -> None:
     with pytest.raises(SolverError) as caught:
         made._solve_least_norm(jacobian, rate, 0.256)
     assert str(caught.value) == "redundant arm: a singular pose after 25.6 % of the path"
+
+
+@pytest.mark.parametrize("timing", planned.TIMINGS)
+@pytest.mark.parametrize("scheme", list(planned.SCHEMES))
+def test_a_plan_with_free_timing_needs_a_path_over_its_parameter(
+    timing: str, scheme: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which is asked for before the problem is made; torques of one scheme are continuous."""
+    asked: list[Any] = []
+    monkeypatch.setattr(planned.reference_curve, "path_by_parameter", lambda path: asked.append(path.duration))
+    monkeypatch.setattr(planned, "PlanProblem", lambda *given: Made(given=given, torque_continuous=False))
+    made: Any = flexgen.plan_problem("elbow", "line", timing=timing, scheme=scheme, mesh=10, limits=False)  # type: ignore[arg-type]
+    assert asked == [1.0] * (timing == "free") and made.torque_continuous == (scheme == "hermite-simpson")
+    assert made.given[4:] == (timing, None, False, None) and len(made.given[2]) == 11
