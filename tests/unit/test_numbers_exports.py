@@ -178,6 +178,8 @@ def test_limits_of_a_controller_are_those_of_the_model() -> None:
     ]
     none = ros2._limits(flexgen.read("elbow"))
     assert none.keys() == found.keys() and not any(x.any() for x in none.values())
+    other = ros2._limits(flexgen.read("four_mass"))  # whose output is none of the tool
+    assert [other[name].tolist() for name in ("tool_speed_max", "tool_acceleration_max")] == [[0.0], [0.0]]
 
 
 @pytest.mark.parametrize(("sample_s", "samples"), [(1e-3, 4), (4e-3, 1), (4e-3 / 3 * (1 + 0.9e-6), 3)])
