@@ -112,8 +112,8 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
     if band_hz is None:
         moves = (power > ABOVE_NOISE * floor).any(axis=1) & (f < QUIET * rate)
         first_quiet = f[np.argmin(moves[1:]) + 1] if not moves[1:].all() else f[-1]
-        least_hz = max(LEAST_HZ, LEAST * TAPS / WIDE[0] / (record.time[-1] - record.time[0]))
-        band_hz = float(np.clip(WIDER * first_quiet, least_hz, MOST * rate))
+        shortest = TAPS * rate / wide / max(len(record.time) / LEAST - 3, 1.0)  # whose filter is not too long
+        band_hz = float(np.clip(WIDER * first_quiet, max(LEAST_HZ, shortest), MOST * rate))
     elif not is_number(band_hz) or not 0.0 < band_hz <= MOST * rate:
         raise ArgumentError(
             f"band_hz: given {show_value(band_hz)}, expected a number > 0, at most {MOST * rate:.4g} Hz"

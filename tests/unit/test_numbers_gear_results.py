@@ -163,18 +163,21 @@ def test_numbers_are_determined_by_half_of_their_size(part: float, known: bool) 
         ([1.0, 3.7], [0.0, 0.0], True, "FITTED"),  # hypot(1.5 * 2, 5e-4 * 4000) = 3.61, 5.0 of the other motor
         ([3.7, 1.0], [0.0, 0.0], True, "MODEL_ERROR"),
         ([3.5, 1.0], [3.1, 0.0], True, "MODEL_ERROR"),
+        ([1.0, 1.0], [[0.0, 3.1], [0.0, 2.9]], True, "NOISE"),
+        ([1.0, 1.0], [[0.0, 3.1], [0.0, 2.9]], False, "NOT_CONVERGED"),
+        ([3.7, 1.0], [[0.0, 3.1], [0.0, 2.9]], True, "MODEL_ERROR"),
         ([1.0, 1.0], [0.0, 0.0], False, "NOT_CONVERGED"),
         ([9.0, 1.0], [0.0, 0.0], False, "MODEL_ERROR"),
     ],
 )
 def test_the_status_of_gears_follows_from_residuals(
-    error: list[float], excess: list[float], converged: bool, status: str, monkeypatch: pytest.MonkeyPatch
+    error: list[float], excess: list[Any], converged: bool, status: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot, wave = flexgen.read("elbow"), np.array([[1.0], [-1.0]])
     made: Any = Made(
-        noise=lambda theta: np.array([2.0, 2.0]),
+        noise=lambda theta, e: np.array([2.0, 2.0]),
         measured=wave * [4000.0, 8000.0],
-        excess=lambda theta, e: np.array(excess),
+        excess=lambda theta, e, covariance: np.array(excess) * np.ones((2, 2)),
         loops=lambda theta, e: "loops",
         signals=Made(band_hz=30.0),
         sought=Made(gears=(1,), harmonics=(1,), cogging=(2,)),
@@ -193,6 +196,7 @@ def test_the_status_of_gears_follows_from_residuals(
     ("answers", "asked", "status"),
     [
         ({30.0: "FITTED"}, [30.0], "FITTED"),
+        ({30.0: "NOISE"}, [30.0], "NOISE"),
         ({30.0: "MODEL_ERROR", 18.0: "FITTED"}, [30.0, 18.0], "NOISE"),
         ({30.0: "NOT_CONVERGED", 18.0: "MODEL_ERROR", 10.8: "FITTED"}, [30.0, 18.0, 10.8], "NOISE"),
         ({30.0: "MODEL_ERROR", 18.0: "MODEL_ERROR", 10.8: "MODEL_ERROR"}, [30.0, 18.0, 10.8], "MODEL_ERROR"),
