@@ -42,7 +42,7 @@ class GearStatus(ExplainedStatus):
     NOISE = (
         "noise too large",
         "The model agrees with the record below a part of the frequencies only, or but for large standard deviations: "
-        "noise of the angles hides a gear.",
+        "noise of the angles hides a gear, or an error of the model.",
         "Do not use the numbers; record a longer or a larger motion, or angles with less noise.",
     )
 
