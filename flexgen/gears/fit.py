@@ -29,6 +29,7 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.signal import welch
 from scipy.signal.windows import tukey
+from scipy.stats import chi2
 
 from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import DrivenArm, Element, MotorMotion
@@ -61,6 +62,7 @@ FLOOR = (2e-3, 1e-4)  # of the torques: residuals that are not weighted as if th
 PIECE = 512  # samples of the pieces whose mean is a density
 TAPER = 0.05  # of the record, in which both ends are faded
 BANDS, LOWEST, EXCESS_DRAWS = 8, 0.04, 4  # of frequency; end of the first over that of all; samples of noise in them
+UNLIKELY = 0.01  # probability of less noise in a band than there is
 ROUNDING = 2.5e-6  # of the torques: errors of the simulation in a band
 FRICTIONS = 3  # regressors of each motor besides cogging: viscous, Coulomb, constant
 ERROR_STEP = 1e-6  # rad or m, of differences in a transmission error
@@ -228,12 +230,13 @@ class GearModel:
         return np.diff(first).clip(1)[:, None], np.add.reduceat(lines[: first[-1]], first[:-1], axis=0)
 
     def _white(self, lines: np.ndarray, power: np.ndarray) -> np.ndarray:
-        """Power (n_m,) of the noise of the torques in a line: of the record, at most that of the quietest residuals.
+        """Power (n_m,) of the noise of the torques in a line: of the record, at most what the quietest residuals allow.
 
         What the drives of a robot make of noise in its loop are true torques, and no noise of their measurement.
         """
-        of_record = (self.measured.shape[0] * self.signals.torque_noise) ** 2 / (2 * lines.sum())
-        return np.asarray(np.minimum(of_record, (power / lines).min(axis=0)))
+        of_record = (len(self.measured) * self.signals.torque_noise) ** 2 / (2 * lines.sum())
+        allowed = 2 * power / chi2.ppf(UNLIKELY, 2 * lines)
+        return np.asarray(np.minimum(of_record, allowed.min(axis=0)))
 
     def loops(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Deflections of gears, torques of their elements, and these with the residuals: (k, gears, 3), arm side."""

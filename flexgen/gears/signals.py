@@ -5,7 +5,7 @@ the angles, pass another one, since friction and hysteresis make higher frequenc
 motion lies noise: its density is that of the highest frequencies of the record, and the band ends where the motion
 falls below it. Angles have a wider band than torques: little wider where torques are smooth, since noise would come
 through hysteresis. Rough torques, of drives that amplify the noise of their angles, shake the gears above the motion,
-which widens and shifts their loops, so that the angles keep more of it.
+which narrows their loops, so that the angles keep more of it.
 """
 
 from __future__ import annotations

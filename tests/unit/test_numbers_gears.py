@@ -126,6 +126,19 @@ def test_torques_of_a_noisy_loop_do_not_hide_a_wrong_law() -> None:
     assert_allclose(of_torques, np.hypot(white.std(axis=0), quiet.change_by_noise(theta).std(axis=0)), rtol=0.5)
 
 
+def test_white_torques_are_noise_in_bands_of_few_lines_too() -> None:
+    """The quietest of the bands has less than its part by chance, and most of all one of few lines."""
+    model = copy(made())
+    model.signals = replace(model.signals, torque_sd=np.ones(2))
+    rng, k = np.random.default_rng(3), len(model.measured)
+    lines = model._bands(model.measured)[0]
+    assert lines.min() < 4
+    level = (k * model.signals.torque_noise) ** 2 / (2 * lines.sum())
+    found = [model._white(lines, level * rng.gamma(lines, 1.0, (len(lines), 2))) for _ in range(300)]
+    assert np.mean(np.array(found) < 0.999 * level) < 0.12  # 8 bands, 1 % each
+    assert (np.mean(found, axis=0) > 0.95 * level).all()
+
+
 def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
     model, theta = made(), moved()
     e = model.torques([theta], model.motion)[0] - model.measured
