@@ -5,7 +5,7 @@
 The record is cut into short segments s. In each of them the nonlinear model is simulated under the recorded torques
 from a start state of its own: errors cannot grow over a long record, the drive need not be known, and unstable or badly
 modeled slow motion does no harm. Start states and constant torques are eliminated segment by segment; constant torques
-take effects outside of the model, such as the offset of a second encoder. Derivatives are differences.
+take effects outside of the model, such as the offset of a second encoder. What no output shows is held by a wide prior.
 
 Of a periodic motion the mean of the periods is fitted. Deviations are those of a sandwich over the segments, since
 errors of neighboring samples are alike.
@@ -41,6 +41,7 @@ from flexgen.simulation.segments import Segments
 from flexgen.type_checks import checked_result, checked_types
 
 STEP = 1e-5  # of differences in the parameters, mostly logarithms
+FAR = 1e3  # deviation of a start state from its first value, over its scale: what no output shows stays
 RANK = 1e-7  # of singular values of start states that a segment determines, relative
 ROUNDS = 3  # of fits with deviations from the residuals of the last one
 INNER = 3  # steps for the start states at each set of parameters
@@ -150,8 +151,9 @@ class _Shooting:
         window = np.arange(self.samples + 1)
         self.y = np.array([self.measured[r][k + window] for r, k in self.starts])  # (segments, samples + 1, n_y)
         self.z = np.hstack([self._start_states(), np.zeros((len(self.starts), self.model.n_m))])
-        self.sd = np.maximum(1e-6 * np.std(self.y, axis=(0, 1)), 1e-300)
+        self.sd = np.maximum(np.std(self.y, axis=(0, 1)), 1e-300)
         self.scale = self._scales()
+        self.first = self.z
         self.Q = np.zeros((len(self.starts), self.y[0].size, 0))  # what start states explain, see `parts`
 
     def _outputs(self, data: Description, recordings: Sequence[_Run]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -242,17 +244,23 @@ class _Shooting:
         return np.asarray(r.reshape(*r.shape[:-2], -1))
 
     def _by_z(self, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals at z and their derivatives in z over its scale (segments, residuals, n_z)."""
+        """Residuals at z, with those of its prior, and derivatives in z over its scale (segments, residuals, n_z)."""
         n_z = z.shape[1]
         moved = [z + STEP * self.scale * (np.arange(n_z) == k) for k in range(n_z)]
         found = self._weight(self._run([x] * (n_z + 1), [z, *moved]))
-        return found[0], np.moveaxis(found[1:] - found[0], 0, -1) / STEP
+        prior = np.broadcast_to(np.eye(n_z) / FAR, (len(z), n_z, n_z))
+        r = np.hstack([found[0], (z - self.first) / (FAR * self.scale)])
+        return r, np.concatenate([np.moveaxis(found[1:] - found[0], 0, -1) / STEP, prior], axis=1)
+
+    def errors(self, r: np.ndarray) -> np.ndarray:
+        """Residuals of the outputs (segments, samples + 1, n_y), over their deviations."""
+        return r[:, : self.y[0].size].reshape(self.y.shape)
 
     def settle(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals with the best start states, and their derivatives in these."""
         for _ in range(INNER):
             r, Jz = self._by_z(x, self.z)
-            size = np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :]
+            size = np.linalg.norm(Jz, axis=1)[:, None, :]
             U, values, Vt = np.linalg.svd(Jz / size, full_matrices=False)
             inverse = np.where(values > RANK * values[:, :1], 1.0 / np.maximum(values, 1e-300), 0.0)
             along = np.einsum("snk,sn->sk", U, r) * inverse
@@ -271,6 +279,7 @@ class _Shooting:
         base = self._weight(self._run([x, *moved], [self.z] * (len(x) + 1)))
         J = np.moveaxis(base[1:] - base[0], 0, -1) / (STEP * np.array([self._unit(k) for k in range(len(x))]))
         self.Q = _basis(Jz)
+        J = np.concatenate([J, np.zeros((len(J), Jz.shape[2], J.shape[2]))], axis=1)
         return r, J - self.Q @ (self.Q.swapaxes(-1, -2) @ J)
 
     def _unit(self, k: int) -> float:
@@ -296,7 +305,7 @@ def _remove_delays(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np
 
 def _basis(Jz: np.ndarray) -> np.ndarray:
     """Orthonormal columns (segments, residuals, n_z) that span those of Jz; zero where Jz has less rank."""
-    U, values, _ = np.linalg.svd(Jz / np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :], full_matrices=False)
+    U, values, _ = np.linalg.svd(Jz / np.linalg.norm(Jz, axis=1)[:, None, :], full_matrices=False)
     return np.asarray(U * (values > RANK * values[:, :1])[:, None, :])
 
 
@@ -370,8 +379,8 @@ def fit_motion(
     inverse = np.linalg.inv(fit.A + prior)
     scores = np.einsum("snk,sn->sk", J, r)
     covariance = inverse @ (scores.T @ scores + prior) @ inverse
-    errors = r.reshape(*shooting.y.shape) * shooting.sd
-    percent, white = _percent(shooting.y, errors), whiteness(errors, shooting.Q)
+    errors = shooting.errors(r) * shooting.sd
+    percent, white = _percent(shooting.y, errors), whiteness(errors, shooting.Q[:, : errors[0].size])
     rms = np.sqrt((errors**2).mean(axis=(0, 1)))
     held_out: tuple[float, ...] = ()
     status = _status(fit, percent, white)
@@ -402,9 +411,10 @@ def _minimize(shooting: _Shooting, vector: ParameterVector, tell: Callable[[str]
     for k in range(ROUNDS):
         if tell is not None:
             tell(f"fit {k + 1} of {ROUNDS}: {len(shooting.starts)} segments")
-        r, _ = shooting.settle(x)
-        each = (r.reshape(*shooting.y.shape) ** 2).mean(axis=(0, 1))
-        shooting.sd = shooting.sd * np.sqrt(np.maximum(each, 1e-300))
+        for _ in range(INNER):  # residuals are as large as their deviations: the prior holds what they cannot show
+            r, _ = shooting.settle(x)
+            each = (shooting.errors(r) ** 2).mean(axis=(0, 1))
+            shooting.sd = shooting.sd * np.sqrt(np.maximum(each, 1e-300))
         fit = minimize(shooting.sums, shooting.cost, x, vector.start, vector.prior_sd, vector.bounds, distance=DISTANCE)
         x = fit.x
     assert fit is not None
@@ -440,7 +450,7 @@ def _validate(
     other = _Shooting(vector, read_description(path), segment_s)
     other.settle(x)
     r, _ = other.settle(x)
-    errors = r.reshape(*other.y.shape) * other.sd
+    errors = other.errors(r) * other.sd
     return _percent(other.y, errors), np.sqrt((errors**2).mean(axis=(0, 1)))
 
 
