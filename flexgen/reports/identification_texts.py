@@ -158,16 +158,33 @@ def text_of_rigid(found: RigidIdentification) -> str:
     head = ["motor", *(f"{kind}, {unit}" for kind, unit in kinds.items())]
     head += [f"{name} {k}, error %" for name, runs in found.errors.items() for k in range(1, len(runs) + 1)]
     balance = [[name, both(name)] for name in numbers if ".counterbalance_" in name]
+    lags = [[name, unit, value, "" if sd_ is None else sd_] for name, unit, value, sd_ in found.lags]
+    below = f"below {number(fit.limit_hz)} Hz" if fit.limit_hz < float("inf") else "through the filter of the motion"
     gears = "\n".join(f"  {name}: {deflection.sentence}" for name, deflection in found.gears.items())
     return _join(
         f"{fit.model.name}: {fit.status}, {fit.base_parameters} base parameters of {len(fit.pi)} numbers\n"
         + paragraph(f"{fit.status.sentence} {fit.status.advice}"),
-        "errors: rms over the standard deviation of the torque, of samples that move; left out: on quarters of the "
-        "recordings, of the fit to the others",
+        paragraph(f"One mistake can be the reason: {fit.mistake.sentence}") if fit.mistake else "",
+        f"errors: rms over the standard deviation of the torque, {below}, of samples that move; left out: on quarters "
+        "of the recordings, of the fit to the others",
         table(rows, tuple(head)),
+        paragraph("Compliances of gears that the model file does not have, and the delay of torques after angles:"),
+        table(lags, ("lag", "unit", "value", "+-")),
+        _springs(found),
         table(balance, ("counterbalance", "N m, arm side")) if balance else "",
         "stiffness of the gears from the link encoders, arm side, 90 % interval:" if gears else "",
         gears,
+    )
+
+
+def _springs(found: RigidIdentification) -> str:
+    """A sentence on gears that bend otherwise than in the model file; empty: the recordings show none."""
+    other = [name.partition(".")[0] for name, _, value, sd in found.lags[:-1] if sd is not None and abs(value) > 3 * sd]
+    if not other:
+        return ""
+    return paragraph(
+        f"Gears of {', '.join(other)} bend otherwise than in the model file. The numbers above take that into account, "
+        "the springs of the new file do not: identify them from frequency responses."
     )
 
 

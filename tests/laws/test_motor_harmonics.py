@@ -13,8 +13,8 @@ from hysteretic import hysteretic
 from numpy.testing import assert_allclose
 
 import flexgen
+from flexgen.analysis.rigid_regressor import Regressor
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.identification.recordings.rigid_body import Regressor
 from flexgen.mechanics import lagrangian as lagrangian_module
 from flexgen.mechanics import motor_harmonics as law_of
 from flexgen.mechanics.signatures import offered_functions

@@ -10,10 +10,11 @@ import pytest
 
 import flexgen
 from flexgen.analysis.feasible_bodies import pseudo_inertia
+from flexgen.analysis.rigid_regressor import Motion, Regressor
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.gear_deflection import gear_deflection
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
-from flexgen.identification.recordings.rigid_body import Motion, Regressor, identify_rigid
+from flexgen.identification.recordings.rigid_body import identify_rigid
 from flexgen.identification.recordings.rigid_file import rigid_deviations, rigid_numbers, write_rigid
 from flexgen.model.elements import Body
 from flexgen.numerics.evaluate import evaluate

@@ -12,12 +12,14 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
 import flexgen
+from flexgen.analysis.rigid_columns import COULOMB_SPEED, MOVING, Columns
+from flexgen.analysis.rigid_regressor import Motion, Regressor
 from flexgen.errors import ArgumentError
 from flexgen.identification import motion_fit as fits
 from flexgen.identification.recordings import rigid_accuracy, rigid_body, rigid_file
 from flexgen.identification.recordings.gear_deflection import gear_deflection
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
-from flexgen.identification.recordings.rigid_body import Motion, Regressor, RigidFit, identify_rigid
+from flexgen.identification.recordings.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.result import FitStatus
 from flexgen.model.elements import Body, RobotModel
 from flexgen.numerics import residual_statistics
@@ -55,13 +57,13 @@ def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
     """
     model = balanced()
     motion = swung(model)
-    found = rigid_body._Columns(Regressor(model), [motion, motion], {"q2": 2, "q1": 1})
+    found = Columns(Regressor(model), [motion, motion], {"q2": 2, "q1": 1})
     q, v, a = motion.derivatives
     ratio = np.abs(np.diag(model.eta))
     assert found.step == pytest.approx(H) and found.F[0].shape == (600, 2, 8)
     F = found.F[1]
     assert_allclose(F[:, :, 0], v * np.sign(np.diag(model.eta)))
-    slope = smooth_forces(np.tanh(v * np.diag(model.eta) / (rigid_body.COULOMB_SPEED * ratio)))
+    slope = smooth_forces(np.tanh(v * np.diag(model.eta) / (COULOMB_SPEED * ratio)))
     assert_allclose(F[:, :, 1], slope)
     assert_allclose(F[:, :, 2], 1.0)
     assert_allclose(F[:, :, 3], a * np.sign(np.diag(model.eta)))
@@ -91,7 +93,7 @@ def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
     total = body @ inverse + found.held[0] + found.known[0] + np.einsum("njc,jc->nj", F, friction)
     assert_allclose(found.torques(pi, friction)[1], total, rtol=1e-9, atol=1e-9)
     del arm
-    moving = np.abs(v * ratio) > rigid_body.MOVING * ratio
+    moving = np.abs(v * ratio) > MOVING * ratio
     assert (found.moving[0] == moving).all()
     part = found.part([(1, slice(0, 50))])
     assert len(part.Y) == 1 and part.measured[0].shape == (50, 2)
@@ -111,8 +113,9 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions() -> None:
     e = found.torques(motion) - motion.torques
     assert np.sqrt((e**2).mean()) < 0.01 * np.std(motion.tau_m)
     eta = np.diag(model.eta)
-    gear = (found.torques(motion) - rigid_body._Columns(Regressor(model), [motion], {}).known[0]) @ model.eta
-    F = rigid_body._Columns(Regressor(model), [motion], {}).F[0]
+    found = replace(found, lags=np.zeros(3))  # torques at the times of the angles
+    gear = (found.torques(motion) - Columns(Regressor(model), [motion], {}).known[0]) @ model.eta
+    F = Columns(Regressor(model), [motion], {}).F[0]
     load = gear - np.einsum("njc,jc->nj", F, found.friction) @ model.eta
     assert_allclose(found.gear_torques(motion), load + (motion.torques - found.torques(motion)) @ model.eta, atol=1e-6)
     for j, motor in enumerate(found.model.motors):
@@ -120,39 +123,50 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions() -> None:
         assert motor.friction.viscous == pytest.approx(viscous / abs(eta[j])) and motor.friction.offset == offset
         assert motor.friction.viscous == pytest.approx([0.02, 0.03][j], rel=0.05)
         assert motor.friction.coulomb == coulomb == pytest.approx([0.5, 0.8][j], rel=0.05)
-        assert motor.friction.beta == pytest.approx(1 / (rigid_body.COULOMB_SPEED * abs(eta[j])))
+        assert motor.friction.beta == pytest.approx(1 / (COULOMB_SPEED * abs(eta[j])))
         assert motor.inertia == pytest.approx(model.motors[j].inertia + rotor / abs(eta[j]))
     negative = rigid_body._motors(model, np.array([[-1.0, -1.0, 0.5, -1e9]] * 2))
     for motor, old in zip(negative, model.motors, strict=True):
         assert motor.inertia == old.inertia
         assert vars(motor.friction) | {"offset": 0.0} == vars(type(motor.friction)()) | {"offset": 0.0}
-    columns = rigid_body._Columns(Regressor(model), [motion], {})
+    columns = Columns(Regressor(model), [motion], {})
     pi, phi = found.pi, found.friction
     error = motion.torques - columns.torques(pi, phi)[0]
     X = [
-        np.hstack([columns.Y[0][:, j], *(columns.F[0][:, j] if k == j else 0 * columns.F[0][:, j] for k in range(2))])
+        np.hstack(
+            [
+                columns.Y[0][:, j],
+                *(columns.F[0][:, j] if k == j else 0 * columns.F[0][:, j] for k in range(2)),
+                columns.Z[0][:, j],
+            ]
+        )
         for j in range(2)
     ]
-    information = np.r_[(0.3 * rigid_body.scales(Regressor(model).of_model())) ** -2.0, np.zeros(8)]
+    file = Regressor(model).of_model()
+    prior = rigid_body._Prior(file, 0.3 * rigid_body.scales(file), np.array([1.0, 2.0, 3.0]))
+    information = np.r_[prior.sd**-2.0, np.zeros(8), prior.lags_sd**-2.0]
     sd = np.array([0.1, 0.3])
-    expected = dense_covariance(X, error, 1 / (sd * np.sqrt(rigid_body.CORRELATED)), information, 125)
-    made = rigid_body._covariance(columns, Regressor(model).of_model(), error, sd, 0.3)
+    expected = dense_covariance(X, error, 1 / (sd * np.sqrt(50)), information, 125)
+    terms, weights = rigid_body._terms(columns, prior)
+    assert_allclose(weights, information)
+    made = residual_statistics.covariance(terms, error, 1 / (sd * np.sqrt(columns.correlated)), weights, 125)
     size = np.sqrt(np.diag(expected))
     assert np.abs((made - expected) / np.outer(size, size)).max() < 1e-3
 
 
 def dense_covariance(X: list[np.ndarray], error: np.ndarray, weight: np.ndarray, prior: np.ndarray, block: int) -> Any:
-    """``H (sum g g' + P) H`` of blocks, without scales."""
+    """``H (sum g g' + P) H`` of blocks, each g that of a fit without its block; with scales for the inverse."""
     P = np.diag(prior)
     A = sum(w**2 * x.T @ x for x, w in zip(X, weight, strict=True)) + P
-    G = P.copy()
-    for k in range(0, len(error), block):
-        g = sum(
-            w**2 * x[k : k + block].T @ error[k : k + block, j] for j, (x, w) in enumerate(zip(X, weight, strict=True))
-        )
-        G = G + np.outer(g, g)
     s = 1 / np.sqrt(np.diag(A))
-    H_ = np.linalg.inv(A * np.outer(s, s)) * np.outer(s, s)
+    inverse = np.linalg.inv(A * np.outer(s, s))
+    H_, G = inverse * np.outer(s, s), P.copy()
+    for k in range(0, len(error), block):
+        rows = [x[k : k + block] * w for x, w in zip(X, weight, strict=True)]
+        g = sum(x.T @ error[k : k + block, j] * w for j, (x, w) in enumerate(zip(rows, weight, strict=True))) * s
+        own = sum(x.T @ x for x in rows) * np.outer(s, s)
+        g = np.linalg.solve(np.eye(len(s)) - own @ inverse, g) / s
+        G = G + np.outer(g, g)
     return H_ @ G @ H_
 
 
@@ -161,12 +175,26 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
     model = flexgen.read("elbow@rigid")
     pi = Regressor(model).of_model()
     n, rng = len(pi), np.random.default_rng(0)
-    root = rng.normal(size=(n + 12, n + 12)) * 1e-3
+    root = rng.normal(size=(n + 15, n + 15)) * 1e-3
     covariance = root @ root.T
-    fit = RigidFit(model, model, pi, np.zeros((2, 6)), np.ones(2), 7, {"q2": 1}, covariance, None, RigidStatus.FITTED)
+    fit = RigidFit(
+        model,
+        model,
+        pi,
+        np.zeros((2, 6)),
+        np.ones(2),
+        7,
+        {"q2": 1},
+        covariance,
+        None,
+        RigidStatus.FITTED,
+        np.zeros(3),
+        5.0,
+    )
+    assert_allclose(fit.lags_sd, np.sqrt(np.diag(covariance))[-3:])
     sd = rigid_file.rigid_deviations(fit)
     eta = np.abs(np.diag(model.eta))
-    phi = np.sqrt(np.diag(covariance)[n:]).reshape(2, 6)
+    phi = np.sqrt(np.diag(covariance)[n : n + 12]).reshape(2, 6)
     for j, motor in enumerate(model.motors):
         assert sd[f"{motor.name}.viscous"] == pytest.approx(phi[j, 0] / eta[j])
         assert sd[f"{motor.name}.coulomb"] == pytest.approx(phi[j, 1]) and sd[f"{motor.name}.offset"] == phi[j, 2]
@@ -210,11 +238,14 @@ def test_the_last_body_carries_the_payload() -> None:
 def test_each_part_is_predicted_by_a_fit_to_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
     """The torques predict the mean of the samples that are fitted: the part itself is none of them."""
     motion = swung(flexgen.read("elbow@rigid"), 61)
-    columns = rigid_body._Columns(Regressor(flexgen.read("elbow@rigid")), [motion, motion], {})
+    columns = Columns(Regressor(flexgen.read("elbow@rigid")), [motion, motion], {})
     columns.moving = [np.ones_like(x, bool) for x in columns.measured]
-    monkeypatch.setattr(rigid_body, "_fit_bodies", lambda part, *_: (np.vstack(part.measured).mean(axis=0),))
-    monkeypatch.setattr(rigid_body._Columns, "torques", lambda part, mean: [0 * x + mean for x in part.measured])
-    found = rigid_body._leave_out(columns, np.zeros(0), np.zeros(0), np.ones(2), 0.3, 3)
+    at = rigid_body._Numbers(np.zeros(0), np.zeros(0), np.zeros(3))
+    monkeypatch.setattr(
+        rigid_body, "_fit_bodies", lambda part, *_: at._replace(pi=np.vstack(part.measured).mean(axis=0))
+    )
+    monkeypatch.setattr(Columns, "torques", lambda part, mean, _: [0 * x + mean for x in part.measured])
+    found = rigid_body._leave_out(columns, rigid_body._Prior(at.pi, at.pi, at.lags), at, np.ones(2), 3)
     x, error = np.vstack(columns.measured), []
     for begin, end in ((0, 20), (20, 40), (40, 61), (61, 81), (81, 101), (101, 122)):
         error.append(x[begin:end] - np.delete(x, np.s_[begin:end], axis=0).mean(axis=0))

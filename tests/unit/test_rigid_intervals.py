@@ -10,8 +10,9 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.analysis.feasible_motors import is_possible
+from flexgen.analysis.rigid_regressor import Motion
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
-from flexgen.identification.recordings.rigid_body import Motion, identify_rigid
+from flexgen.identification.recordings.rigid_body import identify_rigid
 from flexgen.numerics.polynomial_filter import INNER, derivatives, smooth_forces
 from flexgen.numerics.residual_statistics import covariance
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from flexgen.spec.explained_status import ExplainedStatus
 
-BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
 WORSE = 2.0  # errors on recordings that were left out over those of the fit, from which on the fit fails there
 SMALL, LARGE = 0.1, 1 / 3  # errors over the deviation of the torque: too small to fail, and a model error
+
+NOTICED = 1e-3  # errors over the deviation of the torque, below which no mistake is looked for
 
 
 class RigidStatus(ExplainedStatus):
@@ -38,9 +39,10 @@ class RigidStatus(ExplainedStatus):
     )
     MODEL_ERROR = (
         "model error",
-        "The model leaves more than a third of the torque of a motor unexplained, or has a friction that gives energy.",
-        "Check units, signs, sides and offsets of the recordings, the directions of the joints, and payload and "
-        "counterbalance.",
+        "The model leaves more than a third of the torque of a motor unexplained, has a friction that gives energy, or "
+        "has errors that one mistake explains.",
+        "Check units, signs, sides and offsets of the recordings, the directions of the joints, gear ratios, gravity, "
+        "payload and counterbalance.",
     )
 
     @property

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.feasible_bodies import body_of, scales
+from flexgen.analysis.rigid_regressor import BODY, Motion
 from flexgen.display import plain
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.description import Description, read_description
 from flexgen.identification.recordings.gear_deflection import GearDeflection, gear_deflection
-from flexgen.identification.recordings.rigid_body import BODY, Motion, RigidFit, identify_rigid
+from flexgen.identification.recordings.rigid_body import RigidFit, identify_rigid
 from flexgen.identification.result import write_model
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
@@ -51,6 +52,15 @@ class RigidIdentification(Result):
         """See `rigid_deviations`."""
         return rigid_deviations(self.fit)
 
+    @property
+    def lags(self) -> list[tuple[str, str, float, float | None]]:
+        """Name, unit, value and deviation of each compliance that the file does not have, and of the delay."""
+        fit, model = self.fit, self.fit.file
+        units = ["rad/(N m)" if model.coordinates[i].unit == "rad" else "m/N" for i in model.i_g]
+        names = [f"{model.coordinates[i].name}.compliance" for i in model.i_g]
+        sd = [None] * len(fit.lags) if fit.lags_sd is None else fit.lags_sd.tolist()
+        return list(zip([*names, "delay"], [*units, "s"], fit.lags.tolist(), sd, strict=True))
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON types, SI units; stiffnesses on the arm side with their 90 % interval."""
         fit = self.fit
@@ -61,8 +71,11 @@ class RigidIdentification(Result):
             "status": fit.status,
             "parameters": [{"name": k, "value": x, "sd": self.deviations.get(k)} for k, x in self.numbers.items()],
             "base_parameters": fit.base_parameters,
+            "mistake": None if fit.mistake is None else vars(fit.mistake),
             "motors": [motor.name for motor in fit.model.motors],
             "relative_errors": self.errors,
+            "limit_hz": fit.limit_hz if np.isfinite(fit.limit_hz) else None,
+            "lags": [{"name": k, "unit": unit, "value": x, "sd": sd} for k, unit, x, sd in self.lags],
             "bodies": {element.name: vars(element.body) for element in fit.model.elements},
         }
         return dict(plain(data | ({"gear_stiffness": gears} if gears else {})))
@@ -170,7 +183,7 @@ def rigid_deviations(fit: RigidFit) -> dict[str, float]:
             J[:, i] = (_in_file(row + STEP * size * (np.arange(10) == i)) - at) / (STEP * size)
         sd = np.sqrt(np.maximum(np.diag(J @ body[rows, rows] @ J.T), 0.0))
         out |= {f"{element.name}.{name}": float(x) for name, x in zip(BODY, sd, strict=True)}
-    sd = np.sqrt(np.diag(fit.covariance)[n:]).reshape(fit.friction.shape)
+    sd = np.sqrt(np.diag(fit.covariance)[n : n + fit.friction.size]).reshape(fit.friction.shape)
     for j, motor in enumerate(model.motors):
         ratio = float(np.abs(model.eta[j]).max())
         numbers = (

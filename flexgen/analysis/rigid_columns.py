@@ -1,0 +1,192 @@
+"""Torques of the motors of a rigid arm along recorded motions, term by term, and what gears and delays change.
+
+    tau_m(t) = eta^-T Y(q, v, a) pi + J_m eta a + F phi,      q(t) = eta^-1 q_m(t) - d(t),      d = law(tau_g) + c tau_g
+
+F: viscous friction, Coulomb friction, a constant and a change of the rotor's inertia for each motor, and functions of
+chosen joints for a counterbalance. The links follow the motors less the deflections d of the gears, those of the model
+file and more in proportion to the torque: without them, a hundredth of the torque is wrong, and no block of the errors
+shows it. The torques are recorded a delay later than the angles; the delay and the compliances c are numbers of a fit.
+
+All terms are filtered alike, and so the equation holds for what is kept: what is slower than the limit.
+
+Source: M. Gautier, ICRA 1997 (the same filter for all terms).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from flexgen.analysis.counterbalances import held_balances
+from flexgen.analysis.rigid_regressor import Motion, Regressor
+from flexgen.mechanics.statics import gear_damping, gear_deflection
+from flexgen.numerics.low_pass import LENGTH, LowPass, bandwidth
+from flexgen.numerics.polynomial_filter import WINDOW, smooth_forces
+from flexgen.numerics.residual_statistics import rms
+
+COULOMB_SPEED = 5e-4  # rad/s or m/s, arm side: width of the Coulomb step
+MOVING = 0.01  # rad/s or m/s: slower samples are not judged, friction at standstill is not determined
+BAND = 5.0  # limit of the filter over the band of the motion
+SHORTEST = 4.0  # length of a record over that of the filter
+CORRELATED = 50  # samples of a whole record that share one error: the errors of a model are not white
+WIDEST = 2.0 / WINDOW  # limit of the filter times the step, from which on the polynomials are the filter
+BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
+RATE = 20.0  # samples that are kept before the filter, over its limit
+SOME = 500  # samples of a motion that show the size of the torques
+TERMS = ("Y", "F", "Z", "known", "held", "measured")
+
+
+def band_of(regressor: Regressor, motions: Sequence[Motion]) -> float:
+    """Limit of the filter [Hz]: a multiple of the band of the powers of the joints; infinite: none is of use."""
+    step, file = motions[0].step, regressor.of_model()
+    some = [tuple(x[:: max(1, len(x) // SOME)] for x in motion.derivatives) for motion in motions]
+    size = np.sqrt(np.mean(np.vstack([regressor(*state) @ file for state in some]) ** 2, axis=0))
+    limit = BAND * bandwidth([motion.derivatives[1] * size[list(regressor.model.i_g)] for motion in motions], step)
+    limit = max(limit, SHORTEST * LENGTH / (min(len(motion.t) for motion in motions) * step))
+    return limit if limit * step < WIDEST else np.inf
+
+
+class Columns:
+    """Terms of the torques of motions, motor side.
+
+    Of the bodies Y (n, n_m, 10 bodies), of the motors F (n, n_m, columns), of changes of the compliances and of the
+    delay Z (n, n_m, n_g + 1); known rotors, held counterbalances, and measured torques (n, n_m). Only so many samples
+    are kept as have what is slower than ``limit`` [Hz].
+    """
+
+    def __init__(
+        self,
+        regressor: Regressor,
+        motions: Sequence[Motion],
+        counterbalance: Mapping[str, int],
+        limit: float = np.inf,
+    ) -> None:
+        model, step = regressor.model, motions[0].step
+        every = 1 if np.isinf(limit) else max(1, int(1 / (step * max(2 * WIDEST / step + limit, RATE * limit))))
+        self.regressor, self.step = regressor, every * step
+        self.t = [motion.t[::every] - motion.t[0] for motion in motions]
+        self.states = [tuple(x[::every] for x in motion.derivatives) for motion in motions]
+        self.links = self.states
+        self.recorded = [motion.torques[::every] for motion in motions]
+        self.correlated = float(CORRELATED)
+        self._inverse = np.linalg.inv(model.eta).T  # motor torques from arm torques
+        ratio = np.abs(model.eta).max(axis=1)
+        inertia = np.array([motor.inertia for motor in model.motors])
+        self._names = [model.coordinates[i].name for i in model.i_g]
+        self._counterbalance = counterbalance
+        self.Y, self.F, self.Z, self.known, self.held = [], [], [], [], []
+        self.measured = self.recorded
+        self.moving = [np.abs(v @ model.eta.T) > MOVING * ratio for _, v, _ in self.states]
+        for motion, (q, v, a) in zip(motions, self.states, strict=True):
+            self.Y.append(self.motor_side(regressor(q, v, a)))
+            self.Z.append(np.zeros((len(q), model.n_m, model.n_g + 1)))
+            speed = v @ model.eta.T
+            rotor = a @ model.eta.T / ratio
+            sign = smooth_forces(np.tanh(motion.derivatives[1] @ model.eta.T / (COULOMB_SPEED * ratio)))[::every]
+            columns = np.stack([speed / ratio, sign, np.ones_like(speed), rotor], axis=2)
+            self.F.append(np.concatenate([columns, self._harmonics(q)], axis=2))
+            self.known.append(inertia * (a @ model.eta.T))
+            self.held.append(self._relief(q))
+
+    def motor_side(self, Y: np.ndarray) -> np.ndarray:
+        """Torques of motors (n, n_m, ...) from those of the arm (n, n_g, ...)."""
+        return np.einsum("ji,ni...->nj...", self._inverse, Y)
+
+    def _rates(self, x: np.ndarray) -> list[np.ndarray]:
+        """Slow signals (n, ...) with their first two derivatives."""
+        v = np.gradient(x, self.step, axis=0)
+        return [x, v, np.gradient(v, self.step, axis=0)]
+
+    def _relief(self, q: np.ndarray) -> np.ndarray:
+        """Torques (n, n_m) by the harmonics of counterbalances that are not fitted."""
+        relief = np.zeros_like(q)
+        held = held_balances(self.regressor.model, self._counterbalance)
+        for i, name in enumerate(self._names):
+            for k, (sine, cosine) in enumerate(held[name], 1):
+                relief[:, i] += sine * np.sin(k * q[:, i]) + cosine * np.cos(k * q[:, i])
+        return -relief @ self._inverse.T
+
+    def _harmonics(self, q: np.ndarray) -> np.ndarray:
+        """Sines and cosines of multiples of the angles, from the second one (n, n_m, columns)."""
+        eta, columns = self.regressor.model.eta, []
+        for k in range(2, max(self._counterbalance.values(), default=0) + 2):
+            for function in (np.sin, np.cos):
+                column = np.zeros((len(q), len(eta)))
+                for name, count in self._counterbalance.items():
+                    if k < count + 2:
+                        i = self._names.index(name)
+                        column[:, int(np.argmax(np.abs(eta[:, i])))] = function(k * q[:, i])
+                columns.append(column)
+        return np.stack(columns, axis=2) if columns else np.zeros((len(q), len(eta), 0))
+
+    def bent(self, pi: np.ndarray, friction: np.ndarray, lags: np.ndarray, limit: float) -> Columns:
+        """All samples, where the gears bend under the torques of these numbers and torques are late.
+
+        Parameters
+        ----------
+        pi, friction : arrays (10 bodies,), (n_m, columns)
+        lags : array (n_g + 1,) [rad/(N m) or m/N; s]
+            Compliances that the model file does not have, arm side, and the delay.
+        limit : float [Hz]
+            Faster torques bend nothing.
+        """
+        out, model, n_g = copy(self), self.regressor.model, self.regressor.model.n_g
+        out.links, out.Y, out.F, out.Z, out.held, out.measured = [], [], [], [], [], []
+        damping = gear_damping(self.regressor.equations)
+        low = None if np.isinf(limit) else LowPass(self.step, limit)
+        for k, state in enumerate(self.states):
+            other = [2, *range(4, friction.shape[1])]  # harmonics have a mean, and the constant takes it back
+            load = self.Y[k] @ pi + self.held[k] + np.einsum("njc,jc->nj", self.F[k][:, :, other], friction[:, other])
+            torque = load @ model.eta if low is None else low.whole(load @ model.eta)
+            rate = np.gradient(gear_deflection(self.regressor.equations, torque), self.step, axis=0)
+            bend = gear_deflection(self.regressor.equations, torque - damping * rate) + lags[:n_g] * torque
+            links = tuple(x - d for x, d in zip(state, self._rates(bend), strict=True))
+            out.links.append(links)
+            out.Y.append(self.motor_side(self.regressor(*links)))
+            out.F.append(np.concatenate([self.F[k][:, :, :4], self._harmonics(links[0])], axis=2))
+            out.held.append(self._relief(links[0]))
+            changes = self.regressor.changes(links, pi, self._rates(-torque))
+            total = out.Y[k] @ pi + self.known[k] + out.held[k] + np.einsum("njc,jc->nj", out.F[k], friction)
+            late = -np.gradient(total, self.step, axis=0)
+            out.Z.append(np.concatenate([self.motor_side(changes), late[:, :, None]], axis=2))
+            at = np.clip(self.t[k] + lags[n_g], 0.0, self.t[k][-1])
+            out.measured.append(make_interp_spline(self.t[k], self.recorded[k], k=3)(at))
+        return out
+
+    def below(self, limit: float) -> Columns:
+        """The samples through a filter with this limit [Hz]."""
+        if np.isinf(limit):
+            return self
+        low, out = LowPass(self.step, limit), copy(self)
+        for name in TERMS:
+            setattr(out, name, [low(x) for x in getattr(self, name)])
+        out.moving = [low.kept(x) for x in self.moving]
+        out.step = self.step * low.every
+        out.correlated = max(1.0, 0.5 / (limit * out.step))
+        return out
+
+    def part(self, pieces: Sequence[tuple[int, slice]]) -> Columns:
+        """Some samples of some motions: number of the motion, and samples."""
+        out = copy(self)
+        for name in (*TERMS, "moving"):
+            of = getattr(self, name)
+            setattr(out, name, [of[run][samples] for run, samples in pieces])
+        return out
+
+    def errors(self, pi: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rms of the errors, and deviations of the torques, of samples that move (n_m,); nan: none does."""
+        moving, torque = np.vstack(self.moving), np.vstack(self.measured)
+        count = moving.sum(axis=0)
+        mean = (torque * moving).sum(axis=0) / np.where(count > 0, count, np.nan)
+        error = torque - np.vstack(self.torques(pi, friction))
+        return rms(error, moving), rms(torque - mean, moving)
+
+    def torques(self, pi: np.ndarray, friction: np.ndarray) -> list[np.ndarray]:
+        """Torques of each motion (n, n_m)."""
+        return [
+            known + held + Y @ pi + np.einsum("njc,jc->nj", F, friction)
+            for Y, F, known, held in zip(self.Y, self.F, self.known, self.held, strict=True)
+        ]

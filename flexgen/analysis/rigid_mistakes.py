@@ -1,0 +1,113 @@
+"""What a recording of a rigid arm may have wrong: the torques of one motor, a gear ratio, the zero of an angle.
+
+Each changes the torques by a column z times a number x, to first order. With the residuals e of the fit, its terms X,
+the weights W and the information P of its priors,
+
+    z_p = z - X (X' W X + P)^-1 X' W z,      x = z_p' W e / z_p' W z_p,      share = x z_p' W e / e' W e
+
+and a mistake is named where it explains a large part of the residuals, by far more than their blocks let doubt.
+
+Source: C. R. Rao, Proceedings of the Cambridge Philosophical Society 44, 1948 (score test).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flexgen.analysis.rigid_columns import BLOCK_S, Columns
+from flexgen.analysis.rigid_regressor import Regressor
+from flexgen.numerics.low_pass import LowPass
+
+SHARE = 0.3  # of the residuals that a mistake explains
+SURE = 5.0  # deviations from zero
+NOTHING = 1e-9  # of a column that is left where the fit has others for it
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake that explains the residuals: ``what``, its ``value`` to first order, and the ``share`` explained."""
+
+    what: str
+    value: float
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        """The mistake in words."""
+        return f"{self.what} about {self.value:.2g} explains {100 * self.share:.0f} % of the errors."
+
+
+def find_mistake(
+    whole: Columns,
+    limit: float,
+    numbers: tuple[np.ndarray, np.ndarray],
+    terms: list[np.ndarray],
+    error: np.ndarray,
+    weight: np.ndarray,
+    prior: np.ndarray,
+) -> Mistake | None:
+    """The mistake that explains most of the residuals; None: none explains a large part of them.
+
+    Parameters
+    ----------
+    whole : Columns
+        Not filtered.
+    limit : float [Hz]
+        Of the filter of all else.
+    numbers : arrays (10 bodies,), (n_m, columns)
+        Of the bodies, and frictions.
+    terms : list of arrays (n, parameters)
+        Terms of the fit, one array for each motor.
+    error : array (n, n_m) [N m]
+    weight, prior : arrays (n_m,), (parameters,)
+        Of the errors, and information.
+    """
+    X = np.vstack([x * w for x, w in zip(terms, weight, strict=True)])
+    scale = np.sqrt((X**2).sum(axis=0) + prior)
+    scale = np.where(scale > 0, scale, 1.0)
+    X, e = X / scale, (error * weight).T.ravel()
+    names, columns, step = _candidates(whole, limit, *numbers)
+    Z = (columns * weight[:, None]).transpose(1, 0, 2).reshape(len(e), -1)
+    A = X.T @ X + np.diag(prior / scale**2)
+    left = Z - X @ np.linalg.lstsq(A, X.T @ Z, rcond=1e-14)[0]
+    size, score = (left**2).sum(axis=0), left.T @ e
+    known = size > NOTHING * (Z**2).sum(axis=0)
+    value = np.where(known, score / np.where(known, size, 1.0), 0.0)
+    share = value * score / max(float(e @ e), 1e-300)
+    best = int(np.argmax(share))
+    rest = (left[:, best] * (e - value[best] * left[:, best])).reshape(len(weight), -1).sum(axis=0)
+    block = max(1, round(BLOCK_S / step))
+    sums = np.array([rest[k : k + block].sum() for k in range(0, len(rest), block)])
+    sd = float(np.sqrt(sums @ sums) / max(size[best], 1e-300))
+    if not (share[best] >= SHARE and abs(value[best]) > SURE * sd):
+        return None
+    what, nominal = names[best]
+    return Mistake(what, nominal + float(value[best]), float(share[best]))
+
+
+def _candidates(
+    whole: Columns, limit: float, pi: np.ndarray, friction: np.ndarray
+) -> tuple[list[tuple[str, float]], np.ndarray, float]:
+    """Names with the value where nothing is wrong, columns (n, n_m, candidates) of changes from it, and the step."""
+    model, found = whole.regressor.model, []
+    joints = [model.coordinates[i] for i in model.i_g]
+    names = [(f"torques of {motor.name} times", 1.0) for motor in model.motors]
+    names += [(f"a zero of {c.name} [{c.unit}] off by", 0.0) for c in joints]
+    names += [(f"a ratio of the gear of {c.name} times", 1.0) for c in joints]
+    names += [(f"gravity along {axis} of the base [m/s^2] more by", 0.0) for axis in "xyz"]
+    gravities = [Regressor(replace(model, gravity=tuple(row))) for row in np.eye(3).tolist()]
+    motors = np.abs(model.eta).argmax(axis=0)
+    low = None if np.isinf(limit) else LowPass(whole.step, limit)
+    for Y, total, links in zip(whole.Y, whole.torques(pi, friction), whole.links, strict=True):
+        one, load = np.ones_like(links[0]), Y @ pi
+        zeros = whole.regressor.changes(links, pi, [-one, 0 * one, 0 * one])
+        gravity = np.stack([weight(links[0], 0 * one, 0 * one) @ pi for weight in gravities], axis=2)
+        ratios = whole.motor_side(whole.regressor.changes(links, pi, [-x for x in links]))
+        for i, j in enumerate(motors):
+            ratios[:, j, i] -= load[:, j]
+        torques = total[:, :, None] * np.eye(model.n_m)
+        every = np.concatenate([torques, whole.motor_side(zeros), ratios, whole.motor_side(gravity)], axis=2)
+        found.append(every if low is None else low(every))
+    return names, np.concatenate(found), whole.step * (1 if low is None else low.every)
