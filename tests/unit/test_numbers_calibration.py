@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import flexgen
 from flexgen.calibration import calibrate, mistakes
-from flexgen.calibration.fit import Slopes
-from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
+from flexgen.calibration import fit as fits
+from flexgen.calibration.fit import Problem, Slopes, fit
+from flexgen.calibration.parameters import GROUPS, Priors, Unknown, unknowns_of
 from flexgen.calibration.statics import Numbers, Statics, frame_rotation, frame_slopes
 from flexgen.calibration.tree import Tree, rotations
 from flexgen.errors import ArgumentError, SolverError
@@ -263,3 +265,80 @@ def test_slopes_of_a_pose_have_its_errors_in_a_fit_without_it() -> None:
     slopes = Slopes(np.eye(4), rows, J @ x - y, np.zeros(4))
     for k, slope in enumerate(slopes.leave_out_each(free, inverse)):
         assert_allclose(inverse @ slope, best(every[:k] + every[k + 1 :]) - x, rtol=1e-10)
+
+
+class Lines(Problem):
+    """Positions that are linear in the unknowns."""
+
+    def numbers(self, x: np.ndarray) -> Any:
+        return x
+
+
+def lines(robust: bool, whitening: np.ndarray | None = None) -> tuple[Lines, np.ndarray]:
+    """Two points in 12 poses, one not seen once and one with a gross error; the first compliance comes out negative."""
+    rng = np.random.default_rng(5)
+    slopes, x = rng.normal(size=(12, 2, 3, 4)), np.array([-0.02, 0.3, 0.5, -0.7])
+    measured = slopes @ x + 0.01 * rng.normal(size=(12, 2, 3))
+    measured[4, 1], measured[7, 0, 2] = np.nan, measured[7, 0, 2] + 0.5
+    rows = [("compliance", 0.1, 1.0), ("compliance", 0.2, 0.05), ("frame", 0.0, np.inf), ("center", -0.5, 0.5)]
+    unknowns = [Unknown(kind, "", kind, (0,), start, sd) for kind, start, sd in rows]
+    statics: Any = SimpleNamespace(
+        rest=lambda x, near: SimpleNamespace(measured=slopes @ x, deflection=near),
+        slopes=lambda x, rest, unknowns: slopes,
+    )
+    return Lines(statics, measured, unknowns, robust, whitening), slopes
+
+
+@pytest.mark.parametrize("case", ["least squares", "robust", "whitened"])
+def test_a_fit_minimizes_its_documented_objective(case: str) -> None:
+    """With the scale of its own errors, found by a minimizer without slopes; a compliance ends at its bound."""
+    root = 50 * (np.eye(6) + 0.2 * np.random.default_rng(2).normal(size=(12, 6, 6)))
+    problem, slopes = lines(case != "least squares", root if case == "whitened" else None)
+    told: list[str] = []
+    found = fit(problem, np.array([0.1, 0.2, 0.0, -0.5]), progress=told.append)
+    start, sd = np.array([0.1, 0.2, 0.0, -0.5]), np.array([1.0, 0.05, np.inf, 0.5])
+    seen = np.isfinite(problem.measured).all(axis=2) & problem.valid
+    assert seen.sum() == 23 and found.converged
+
+    def gaps(x: np.ndarray) -> np.ndarray:
+        gap = slopes @ x - problem.measured
+        gap[4, 1] = 0.0
+        return np.asarray(gap)
+
+    def cost(x: np.ndarray, scale: float) -> float:
+        u, times = np.sqrt((gaps(x) ** 2).sum(axis=2)) / scale, 1
+        if case == "whitened":
+            u, times = (
+                np.sqrt(
+                    np.array([(root[i] @ gaps(x)[i].ravel()) @ (root[i] @ gaps(x)[i].ravel()) for i in range(12)]) / 2
+                ),
+                2,
+            )
+        loss = u**2 if case == "least squares" else np.where(u > 2.5, 5.0 * u - 6.25, u**2)
+        return float(times * loss.sum() + (((x - start) / sd) ** 2).sum())
+
+    x = start.copy()
+    for _ in range(4):
+        scale = float(np.median(np.sqrt((gaps(x) ** 2).sum(axis=2))[seen])) / 1.538172
+        args, bounds = (scale,), [(1e-4, None), (2e-4, None), (None, None), (None, None)]
+        x = minimize(cost, x, args=args, bounds=bounds, method="SLSQP", options={"ftol": 1e-10}).x
+    assert_allclose(found.x, x, atol=1e-4)
+    assert found.x[0] == 1e-4 and found.scale == pytest.approx(scale, rel=1e-2)
+    lengths = np.sqrt((gaps(found.x) ** 2).sum(axis=2))
+    assert np.isnan(found.errors[4, 1]) and found.errors[seen] == pytest.approx(lengths[seen])
+    mean = 1e3 * np.sqrt((gaps(start) ** 2).sum(axis=2))[seen].mean()
+    assert told[0] == f"step 0: mean error {mean:.3f} mm" and len(told) < 12
+    assert not found.covariance[0].any() and not found.covariance[:, 0].any() and not found.pull[1:].any()
+    if case == "least squares":  # the objective is quadratic: where the compliance would be without a bound
+        H = np.einsum("nkai,nkaj->ij", slopes * seen[..., None, None], slopes) / found.scale**2 + np.diag(sd**-2.0)
+        right = np.einsum("nkai,nka->i", slopes, problem.measured * seen[..., None]) / found.scale**2 + sd**-2.0 * start
+        inverse = np.linalg.inv(H)
+        assert_allclose(found.pull[0], ((inverse @ right)[0] - 1e-4) / np.sqrt(inverse[0, 0]), rtol=1e-3)
+
+
+def test_a_fit_that_ends_early_has_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, _ = lines(True)
+    monkeypatch.setattr(fits, "STEPS", 1)
+    assert not fit(problem, np.array([0.1, 0.2, 0.0, -0.5])).converged
+    monkeypatch.setattr(fits, "STEPS", 0)
+    assert_allclose(fit(problem, np.array([-0.1, 0.2, 0.0, -0.5])).x, [1e-4, 0.2, 0.0, -0.5])  # from within the bounds

@@ -23,7 +23,7 @@ from flexgen.loop.controller_files import system_controller
 from flexgen.loop.controllers import Cascade, Linear, times
 from flexgen.loop.gains import PID, PPI, motor_inertias
 from flexgen.loop.hardware import DriveHardware, SensorChannels
-from flexgen.loop.interface import Measurement, Reference, Setup
+from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.margins import LoopAtPose, as_linear, state_rows
 from flexgen.loop.noises import Noises
@@ -158,6 +158,12 @@ def test_parts_of_a_linear_controller_follow_each_other() -> None:
     for text, given in (("samples", {"samples": 0}), ("A: given", {"A": np.ones(3)}), ("D: given", {"D": np.nan * D})):
         with pytest.raises(ArgumentError, match=text):
             Linear(**{"A": A, "B": B, "C": C, "D": D, **given})
+
+
+def test_a_compiled_controller_runs_in_the_same_thread_one_robot_after_another() -> None:
+    """If it says nothing else, as controllers of a user do: they may not return."""
+    found = Compiled(1, np.zeros((1, 8), np.uint8), 8, {}, None)
+    assert (found.foreign, found.together) == (False, 0)
 
 
 def test_gains_of_a_pid_are_those_of_its_cascade() -> None:

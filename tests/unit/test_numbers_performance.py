@@ -97,6 +97,14 @@ def test_noise_of_the_angles_does_not_enter_by_the_friction() -> None:
     assert np.std(found) < 4e-3 and np.mean(found) == pytest.approx(3.0, abs=0.015)
 
 
+def test_a_load_turns_with_its_element_where_that_is_rigid() -> None:
+    """The axes of a payload at the tip of a beam are others."""
+    made = payload._Estimate(flexgen.read("beam_arm"), record("elbow", np.zeros(4)), 6.0, rigid=True)
+    assert made.names == LOADED
+    made = payload._Estimate(flexgen.read("elbow"), record("elbow", np.zeros(4)), 6.0, rigid=True)
+    assert made.names[0] == f"{flexgen.read('elbow').tip}.inertia_xx" and made.names[6:] == LOADED
+
+
 def test_records_that_do_not_determine_a_load_are_refused() -> None:
     given = record("elbow", np.array([2.0, 0.0, 0.0, 0.0]))
     with pytest.raises(SolverError, match="load: the motion does not determine mass and center of mass; turn the tool"):

@@ -247,6 +247,14 @@ def test_sources_of_a_table_have_its_numbers_and_correlations() -> None:
     assert "upper.com_x" not in owners and "delay" not in owners
 
 
+def test_bodies_without_mass_are_no_sources() -> None:
+    model = flexgen.read("elbow", overrides={"uncertainty": {"masses": 0.05}})
+    hollow = replace(model.elements[0], body=replace(model.elements[0].body, mass=0.0))
+    assert set(sources_of(model, model.uncertainty).names) == {"upper.mass", "fore.mass"}
+    model = replace(model, elements=(hollow, *model.elements[1:]))
+    assert sources_of(model, model.uncertainty).names == ("fore.mass",)
+
+
 def test_a_correlation_that_none_has_is_refused() -> None:
     """Given in Python; rounding is forgiven."""
     pair = {"parameters": ["q1.stiffness", "q2.stiffness", "m1.inertia"], "sd": [0.1, 0.2, 0.1]}

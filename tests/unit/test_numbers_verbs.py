@@ -252,6 +252,17 @@ def test_torques_of_segments_are_those_of_the_recording() -> None:
     assert_allclose(early[1, ..., 1], 7.5)
 
 
+def test_differences_of_a_motion_fit_are_of_the_size_of_its_motion() -> None:
+    """Angles by the scatter of the steps of the record, speeds by those of a sample, torques by their scatter."""
+    made: Any = object.__new__(motion_fit._Shooting)
+    held = np.r_[5.0, np.zeros(5)][:, None] * [1.0, 0.0]
+    vars(made).update(sample_s=0.5, steps=1, samples=3, starts=[(0, 0)], y=np.array([[[0.0], [1.0], [4.0]]]))
+    vars(made).update(model=SimpleNamespace(n_m=2, dof=2), _curves=[held], _times=[0.0], measured=[np.zeros(6)])
+    assert_allclose(made._scales(), [1.0, 1.0, 2.0, 2.0, np.std([5.0, 0.0, 0.0]), 1e-9])
+    made.y = np.ones((1, 3, 1))
+    assert_allclose(made._scales()[:4], [1e-9, 1e-9, 2e-9, 2e-9])
+
+
 # --- laws -------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("predicted", [False, True])
 def test_a_chain_is_stable_up_to_its_largest_frequency(predicted: bool) -> None:
