@@ -39,9 +39,10 @@ def data(values: Any) -> str:
 
 
 def style(line: Any) -> str:
-    """Color, widths, dashes, marker, transparency and order of a line."""
+    """Color, widths, dashes, marker, transparency and order of a line, and whether files have it as pixels."""
     marker = f" {line.get_marker()} {line.get_markersize():g} {line.get_markerfacecolor()} {line.get_markeredgecolor()}"
     marked = f"{marker} {line.get_markeredgewidth():g}" if line.get_marker() not in ("None", None, "") else ""
+    marked += " pixels" * bool(line.get_rasterized())  # also in a file of vectors, where there are many
     dash = [number(x) for x in line._unscaled_dash_pattern[1] or ()]  # what was given, whatever `get_linestyle` shows
     return (
         f"{to_hex(line.get_color())} lw {line.get_linewidth():g} ls {line.get_linestyle()} {' '.join(dash)} "
