@@ -110,7 +110,6 @@ class ConstantGainObserver:
         self.noises = Noises(case.model, torque_noise, disturbance_rate, tool_force)
         self.states = state_names(self.model, True)
         self.time = case.reference.time
-        self._order = np.argsort(self.channels.index >= self.model.n_m, kind="stable")
         rigid = [j for j in range(self.model.n_m) if j not in self.model.i_m]
         dense = (self.channels.index >= self.model.n_m) | np.isin(self.channels.index, rigid)
         self._order = np.argsort(dense, kind="stable")
