@@ -145,7 +145,7 @@ def test_speeds_between_samples_are_cubic_and_reverse_at_their_roots() -> None:
     roots = [[0.25, 0.5, 0.75], [-0.5, 0.4, 2.0], [1.5, 3.0, -1.0], [0.2, 0.9, 5.0]]
     cubic = np.array([Polynomial.fromroots(each).coef for each in roots]).T * [1.0, -3.0, 2.0, 0.1]
     found = lugre._reversals(cubic, 1e-9)
-    expected = [[0, 0.25, 0.5, 0.75, 1], [0, 0.4, 1, 1, 1], [0, 1, 1, 1, 1], [0, 0.2, 0.9, 1, 1]]
+    expected: Any = [[0, 0.25, 0.5, 0.75, 1], [0, 0.4, 1, 1, 1], [0, 1, 1, 1, 1], [0, 0.2, 0.9, 1, 1]]
     assert_allclose(found.T, expected, atol=1e-9)
     assert_allclose(lugre._reversals(cubic, 1e9)[1:], 1.0)
     low, high = np.array([0.0, 0.1, 0.2, 0.5]), np.array([1.0, 0.4, 0.9, 0.6])
