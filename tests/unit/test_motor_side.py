@@ -197,6 +197,8 @@ def test_meshes_before_on_and_after_the_path() -> None:
     np.testing.assert_allclose(equal, np.r_[np.linspace(-0.1, 0, 4), np.linspace(0, 0.5, 11)[1:], [0.6, 0.7, 0.8]])
     np.testing.assert_allclose(problems._mesh(0.0, 0.04, 0.5, 0.0, 0.25, 0.01), [0, 0.25, 0.5])
     np.testing.assert_allclose(problems._mesh(0.3, 0.5, 0.5, 0.0, 0.1, np.inf)[:3], [-0.3, -0.15, 0.0])
+    short = [-0.03, 0.0, 0.02, 0.06]  # of one interval each
+    np.testing.assert_allclose(problems._mesh(0.03, 0.5, 0.02, 0.04, 0.1, np.inf), short)
     graded = problems._graded_nodes(0.4, 0.15, 0.04)
     assert graded is not None
     lengths = np.array([0.04, 0.06, 0.09, 0.135, 0.15])

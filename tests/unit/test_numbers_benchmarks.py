@@ -23,8 +23,10 @@ from flexgen.benchmarks.scenario_file import _plants, scenario
 from flexgen.benchmarks.score import Score, _find_broken_rule, draw_totals, robot_scores
 from flexgen.environment.disturbances import Disturbance
 from flexgen.errors import ArgumentError
+from flexgen.laws.lq import LQG
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.gains import PPI
+from flexgen.loop.model_law import LinearDesign
 from flexgen.position_servo.filters import LowPass, Notch
 
 KINDS = ("peak", "rms", "settling", "torque_peak", "torque_max", "torque_rms")
@@ -311,6 +313,11 @@ def test_versions_and_controllers_of_benchmarks() -> None:
     newer = [name for name, path in second.items() if "-2-" in path.name]
     assert newer and all(second[name] != first.get(name) for name in newer)
     assert [is_foreign(x) for x in ("a.py", "b.py:C", "c.so", "d.toml", PPI(), object())] == [1, 1, 1, 0, 0, 1]
+
+    class Own(LinearDesign):
+        def linear(self, *_: object) -> object: ...  # type: ignore[override]
+
+    assert [is_foreign(x) for x in (LQG(), Own())] == [0, 1]  # designs of flexgen, and of others
     assert scenario("two_link@1").frozen and not replace(scenario("two_link@1"), tolerance=9.0).frozen
 
 

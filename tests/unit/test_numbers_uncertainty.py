@@ -247,7 +247,7 @@ def test_sources_of_a_table_have_its_numbers_and_correlations() -> None:
     assert "upper.com_x" not in owners and "delay" not in owners
 
 
-def test_bodies_without_mass_are_no_sources() -> None:
+def test_bodies_without_mass_have_no_source() -> None:
     model = flexgen.read("elbow", overrides={"uncertainty": {"masses": 0.05}})
     hollow = replace(model.elements[0], body=replace(model.elements[0].body, mass=0.0))
     assert set(sources_of(model, model.uncertainty).names) == {"upper.mass", "fore.mass"}
