@@ -119,7 +119,7 @@ def _in_motion(knots: np.ndarray, values: np.ndarray) -> tuple[str, ...]:
     """A sentence for each end at which the samples, unlike the path, are not at rest."""
     speeds = np.linalg.norm(np.diff(values, axis=0), axis=1) / np.diff(knots)
     return tuple(
-        f"its samples {word} at {100 * speed / speeds.max():.2g} % of their largest speed, the path at rest: add "
+        f"its samples {word} at {100 * speed / speeds.max():.0f} % of their largest speed, the path at rest: add "
         f"samples {more} rest"
         for speed, word, more in ((speeds[0], "begin", "from"), (speeds[-1], "end", "until"))
         if speed > FAST * speeds.max() > 0.0

@@ -197,7 +197,7 @@ def test_samples_that_turn_back_or_begin_in_motion_are_told() -> None:
         SplineCurve(Samples("output", x[:, None], None, None, False), 5, 1.0)
     t = np.linspace(0.0, 2.0, 60)
     moving = SplineCurve(Samples("output", t[:, None] ** 2, None, t, True), 5, 1.0)
-    text = "its samples end at 1e+02 % of their largest speed, the path at rest: add samples until rest"
+    text = "its samples end at 100 % of their largest speed, the path at rest: add samples until rest"
     assert moving.in_motion == (text,)
     still = SplineCurve(Samples("output", (1 - np.cos(np.pi * t / 2))[:, None], None, t, True), 5, 1.0)
     assert still.in_motion == ()
