@@ -15,6 +15,7 @@ import flexgen
 from flexgen.cli.verbs import solve as verbs
 from flexgen.dae import taylor_array
 from flexgen.errors import SolverError
+from flexgen.identification import result
 from flexgen.inversion.methods import full_model
 from flexgen.mechanics.equations import derive
 from flexgen.plausibility import numbers
@@ -96,6 +97,7 @@ def test_numbers_are_marked_by_their_usual_range(value: float, mark: str, distan
     assert (found.mark, found.distance) == (mark, pytest.approx(distance))
     assert found.advice == ("" if mark == "ok" else "look") and found.usual == "2 to 20 m"
     assert (str(Usual(0.0, 3.0)), str(Usual(3.0, np.inf))) == ("at most 3", "at least 3")
+    assert Usual(0.0, 3.0).mark(0.5) == Usual(0.0, 3.0).mark(0.0) == "ok" and Usual(2.0, 3.0).mark(1e9) == "unusual"
     assert Usual(0.0, 3.0).distance(-1.0) == 0.0 and Usual(0.0, 3.0).distance(np.inf) == 99.0
 
 
@@ -213,3 +215,26 @@ def full_largest() -> int:
     from flexgen.inversion.choice import FULL_LARGEST
 
     return FULL_LARGEST
+
+
+# --- identified numbers -----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("weights", "sd", "scale", "weak"),
+    [
+        ("noise", 0.9 * result.WEAK, "log", (False, True)),
+        ("noise", 1.1 * result.WEAK, "log", (True, True)),
+        ("noise", 1.1 * result.WEAK, "linear", (False, True)),
+        (result.TIME_DOMAIN, 0.9 * result.WEAK, "log", (False, False)),
+        (result.TIME_DOMAIN, 1.1 * result.WEAK, "log", (True, True)),
+    ],
+)
+def test_numbers_that_data_do_not_determine_are_weak(
+    weights: str, sd: float, scale: str, weak: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two numbers the second is a viscous friction next to Coulomb friction: hidden in frequency responses."""
+    monkeypatch.setattr(result, "with_coulomb", lambda model: ("m1.viscous",))
+    names = ("q1.stiffness", "m1.viscous")
+    made: Any = object.__new__(result.IdentificationResult)
+    vector = Made(names=names, unknowns=[Made(scale=scale)] * 2, model=None)
+    vars(made).update(weights=weights, vector=vector, formal_covariance=np.diag([sd**2, sd**2]))
+    assert tuple(made.is_weak(name) for name in names) == weak
