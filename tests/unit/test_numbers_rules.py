@@ -21,6 +21,9 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.laws import passivity
 from flexgen.laws.impedance import Impedance
 from flexgen.loop import interface
+from flexgen.loop.controllers import Linear
+from flexgen.loop.margins import LoopAtPose
+from flexgen.loop.sampled_model import PoseModel
 from flexgen.mechanics.equations import derive
 from flexgen.memory import hysteretic_gears, lugre
 from flexgen.position_servo.filters import LowPass, Notch
@@ -71,6 +74,26 @@ def test_the_least_power_of_a_force_is_an_eigenvalue(seed: int) -> None:
     Q = (rng.normal(size=(4, 4)) + 1j * rng.normal(size=(4, 4))) * np.array([0.1, 1.0, 3.0, 10.0])[:, None]
     Q = Q + 3 * np.diag(np.abs(np.diag(Q)))
     assert passivity._least(Q) == pytest.approx(eigh((Q + Q.conj().T) / 2, Q.conj().T @ Q)[0][0], rel=1e-7)
+
+
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+def test_a_law_takes_from_the_passivity_of_a_damped_joint(delay: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``(d + Re((D + K/s) e^(-s t)))/l^2``: damping d, a fast law with D < 0, torques t late, a tool at l."""
+    m, d, K, D, length, T = 2.0, 8.0, 100.0, -3.0, 0.5, 1e-5
+    none = np.zeros((1, 0))
+    push = np.array([[0.0, 0.0, 0.0], [length / m, 0.0, 0.0]])
+    A, B, C = np.array([[0.0, 1.0], [0.0, -d / m]]), np.array([[0.0], [1 / m]]), np.array([[1.0, 0.0]])
+    robot = PoseModel(A, B, push, none, C, none, none, none)
+    law = Linear(np.zeros((1, 1)), np.ones((1, 1)), np.array([[-D / T]]), np.array([[K + D / T]]))
+    monkeypatch.setattr(passivity, "evaluate", lambda function, q: [np.array([[length, 0, 0, 0, 0, 0]])])
+    monkeypatch.setattr(passivity, "_check_signals", lambda *given: None)
+    equations: Any = Made(model=Made(n_a=1), function=lambda name: name)
+    hz = np.array([0.5, 2.0, 5.0])
+    s = 2j * np.pi * hz
+    found = passivity._margins(LoopAtPose(robot, law, T, delay), equations, {"q_a": np.zeros(1)}, hz)
+    expected = (d + ((D + K / s) * np.exp(-s * delay)).real) / length**2
+    assert_allclose(found, expected, rtol=2e-3, atol=1e-2)
+    assert_allclose(expected, (d + D - K * delay) / length**2, rtol=5e-3)  # K: a spring with late forces
 
 
 def test_torques_of_gears_need_a_sensor_each_without_delay() -> None:
