@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hysteretic import hysteretic
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 
 import flexgen
 from flexgen.codegen import constants_header as header
@@ -22,6 +23,7 @@ from flexgen.identification.recordings import description
 from flexgen.identification.residuals import Residuals
 from flexgen.loop.interface import PlugIn
 from flexgen.mechanics.equations import derive
+from flexgen.memory.lugre import MotorBristles, bristle_rates, bristle_torques
 from flexgen.model import inertia
 from flexgen.servo import identify
 from flexgen.simulation.hysteretic_rate import hysteretic_rate, slip_torques
@@ -79,6 +81,36 @@ def test_torques_of_hysteresis_follow_the_law_of_dahl() -> None:
     assert_allclose(slip_torques(model), slip)
     expected = 0.4 * springs * (rate - np.abs(rate) * z / slip)
     assert_allclose(np.array(found).ravel(), expected, rtol=1e-6)
+
+
+def test_torques_of_bristles_follow_their_law() -> None:
+    """``z' = v - |v| s0 z / g(v)``, torque ``s0 z + s1 z'``: in expressions, and along a motion that reverses."""
+    rows = [(0.4, 0.6, 2.0, 300.0, 0.5), (0.3, 0.3, 1.0, 200.0, 0.2), (0.0, 0.0, 1.0, 0.0, 0.0)]
+    law = MotorBristles(*np.array(rows).T)
+
+    def rate(j: int, v: float, y: float) -> float:
+        coulomb, static, speed = rows[j][:3]
+        return v - abs(v) * y / (coulomb + (static - coulomb) * np.exp(-((v / speed) ** 2)))
+
+    v, y = (ca.SX.sym(name, 3) for name in "vy")
+    at = ca.Function("at", [v, y], list(bristle_rates(law, v, y)))
+    speeds, torques = [1.3, -0.7, 2.0], [0.2, -0.1, 0.0]
+    found = [np.array(x).ravel() for x in at(speeds, torques)]
+    z = [rate(j, speeds[j], torques[j]) for j in range(2)]
+    assert_allclose(found[0], [300.0 * z[0], 200.0 * z[1], 0.0])
+    assert_allclose(found[1], [0.2 + 0.5 * z[0], -0.1 + 0.2 * z[1], 0.0])
+    t, w = np.linspace(0.0, 0.5, 501), 4 * np.pi  # from rest to rest
+    way = np.outer(3.0 * np.sin(w * t) ** 3, [1.0, -0.5, 1.0])
+    slope = np.outer(9.0 * w * np.sin(w * t) ** 2 * np.cos(w * t), [1.0, -0.5, 1.0])
+    along = bristle_torques(law, t, way, slope)
+    for j, gain in enumerate((1.0, -0.5)):
+        speed = lambda x, gain=gain: gain * 3.0 * np.sin(w * x) ** 3  # noqa: E731
+        stiffness, damping = rows[j][3:]
+        right = lambda x, y, j=j, speed=speed, k=stiffness: [k * rate(j, speed(x), y[0])]  # noqa: E731
+        exact = solve_ivp(right, (0.0, 0.5), [0.0], "LSODA", t, rtol=1e-8, atol=1e-10, max_step=2e-3).y[0]
+        expected = [y + damping * rate(j, speed(x), y) for x, y in zip(t, exact, strict=True)]
+        assert_allclose(along[:, j], expected, atol=2e-6)
+    assert not along[:, 2].any()
 
 
 # --- equations as text ------------------------------------------------------------------------------------------------
