@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace as Made
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 import flexgen
-from flexgen.errors import SolverError
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.model.moves import MoveC, MoveJ, MoveL
 from flexgen.paths import move_planner, timed_segments
 from flexgen.paths.blended_curve import BlendedCurve
 from flexgen.paths.reference import Reference
@@ -193,3 +196,115 @@ def test_a_path_across_the_axes_of_the_output_is_refused() -> None:
         planner._check_axes(segment(2.1 * move_planner.NO_MOTION))
     planner.reference.axes = (0, 1, 2)
     planner._check_axes(segment(0.3))
+
+
+# --- steps ------------------------------------------------------------------------------------------------------------
+def planner(pose: bool = True, **move: Any) -> Any:
+    """Of a robot whose output is the pose of the tool."""
+    made: Any = object.__new__(move_planner._Planner)
+    vars(made).update(reference=Made(pose=pose, tool=True), name="move m", q_g=np.zeros(6))
+    made.move = Made(
+        **{"profile": (1.0, 2.0), "timing": (), "where": None, "name": "m", "type": "tool_polyline"} | move
+    )
+    return made
+
+
+def legs(*zones: float) -> list[Any]:
+    """Lines of length 1, each turning left."""
+    return [MoveL(tuple(np.round(x, 9)), zone=z) for x, z in zip(np.eye(3)[[0, 1, 2, 0, 1]], zones, strict=False)]
+
+
+def test_rounded_corners_of_steps_fit_between_them() -> None:
+    """Zones of two corners may fill a step, not more; the step that is blamed is the one with the zone."""
+    made = planner()
+    curve, speeds = made._polyline(np.zeros(3), np.eye(3), legs(0.4, 0.6, 0.0), 1.0)
+    assert speeds == [1.0, 1.0, 1.0] and [segment.length for segment in curve.segments] == [1.0, 1.0, 1.0]
+    assert curve.zones == [0.4, 0.6]
+    assert_allclose(curve.end[0], [1.0, 1.0, 1.0])
+    for zones, text in (
+        (
+            (0.4, 0.61, 0.0),
+            r"step 2: .*given zone 0\.4 and 0\.61, expected zones that fit into the length 1 of step 2",
+        ),
+        ((0.4, 0.4, 1.01, 0.0), r"step 3: .*given zone 0\.4 and 1\.01, .* the length 1 of step 3"),
+        ((1.01, 0.0), r"step 1: .*given zone 0 and 1\.01, .* of step 1"),
+        ((0.3, 0.3), r"step 2: .*given zone 0\.3, expected 0 at the end"),
+        ((0.0, 0.0), r"step 1: .*given zone 0\.0, expected a radius > 0 \[m\], because the tool does not stop here"),
+        ((), "given legs none, expected one or more"),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            made._polyline(np.zeros(3), np.eye(3), legs(*zones), 1.0)
+    short = [MoveL((1.0, 0.0, 0.0), zone=0.5), MoveL((0.0, 0.4, 0.0))]
+    with pytest.raises(ArgumentError, match=r"step 1: .*given zone 0\.5 and 0, .* into the length 0\.4 of step 2"):
+        made._polyline(np.zeros(3), np.eye(3), short, 1.0)
+    back = [MoveL((1.0, 0.0, 0.0), zone=0.2), MoveL((-1.0, 0.0, 0.0))]
+    with pytest.raises(ArgumentError, match=r"step 1: .*expected 0, because the path reverses here"):
+        made._polyline(np.zeros(3), np.eye(3), back, 1.0)
+
+
+def test_speeds_of_steps_need_a_profile() -> None:
+    made, step = planner(), MoveL((1.0, 0.0, 0.0), speed=0.4)
+    assert made._speed(step, 0, (2.0, 1.0)) == 0.4 and made._speed(MoveL((1.0, 0.0, 0.0)), 0, (2.0, 1.0)) == 2.0
+    assert made._speed(MoveL((1.0, 0.0, 0.0)), 0, ()) == 1.0 and planner(timing=(1.0,))._speed(step, 0, ()) == 0.4
+    with pytest.raises(ArgumentError, match=r"step 3: .*given speed 0\.4, expected no speed, or a move with a profile"):
+        made._speed(step, 2, ())
+    with pytest.raises(ArgumentError, match=r"step 1: .*expected a speed > 0"):
+        made._speed(Made(speed=0.0, where=None), 0, (2.0, 1.0))
+
+
+def test_steps_are_lines_and_arcs_from_where_the_tool_is() -> None:
+    made, here, turn = planner(), np.array([1.0, 2.0, 3.0]), Rotation.from_rotvec([0.0, 0.0, 0.5]).as_matrix()
+    R = Rotation.from_rotvec([0.0, 0.0, 0.2]).as_matrix()
+    line = made._segment(MoveL((1.0, 0.0, 0.0)), 0, here, R, 1.0)
+    assert_allclose(line.total, [1, 0, 0])
+    line = made._segment(MoveL(position=(1.0, 2.5, 3.0)), 0, here, R, 1.0)
+    assert_allclose(line.total, [0, 0.5, 0])
+    to = tuple(map(tuple, turn.tolist()))
+    line = made._segment(MoveL(position=(1.0, 2.0, 3.0), orientation=to), 0, here, R, 0.25)
+    assert_allclose(line.rotation, [0, 0, 0.3], atol=1e-12)
+    assert line.length == pytest.approx(0.25 * 0.3)
+    for absolute in (False, True):
+        end, via = np.array([1.0, 1.0, 0.0]), np.array([np.sqrt(0.5), 1 - np.sqrt(0.5), 0.0])
+        given: Any = {"position": tuple(end + here)} if absolute else {"displacement": tuple(end)}
+        arc = made._segment(MoveC(via=tuple(via + here * absolute), **given), 0, here, R, 1.0)
+        assert arc.length == pytest.approx(np.pi / 2)
+        assert_allclose(arc.total, end, atol=1e-12)
+    for step, text in (
+        (MoveL((0.0, 0.0, 0.0)), r"displacement.*expected a step with a displacement or rotation"),
+        (MoveL(position=(1.0, 2.0, 3.0)), r"position.*expected a step with a displacement or rotation"),
+        (MoveL((1.0, 0.0, 0.0), position=(1.0, 0.0, 0.0)), "expected either displacement or position"),
+        (MoveL(), "expected either displacement or position"),
+        (MoveL((1.0, 0.0)), "expected 3 finite numbers"),
+        (MoveL((1.0, 0.0, 0.0), rotation=(0.0, 0.0, 1.0), orientation=to), "expected either rotation or orientation"),
+        (MoveL((1.0, 0.0, 0.0), orientation=tuple(map(tuple, (-turn).tolist()))), "expected a rotation matrix"),
+        (MoveC((1.0, 0.0, 0.0), via=(0.5, 0.0, 0.0)), "expected a point that is not on a line through start and end"),
+        (MoveL((1.0, 0.0, 0.0), zone=-0.1), r"expected a radius >= 0 \[m\]"),
+    ):
+        with pytest.raises(ArgumentError, match=f"step 5: .*{text}"):
+            made._segment(step, 4, here, R, 1.0)
+    with pytest.raises(ArgumentError, match='expected no rotation, or an output of type "tool_pose"'):
+        planner(pose=False)._segment(MoveL((1.0, 0.0, 0.0), rotation=(0.0, 0.0, 1.0)), 0, here, R, 1.0)
+
+
+def test_steps_of_a_program_stop_where_they_must() -> None:
+    made = planner()
+    good: list[Any] = [MoveL((1.0, 0.0, 0.0), zone=0.1), MoveL((0.0, 1.0, 0.0), pause=0.5), MoveJ((0.0, 0.0))]
+
+    def check(k: int, **changes: Any) -> None:
+        steps = [*good]
+        steps[k] = replace(steps[k], **changes)
+        made._check_step(steps[k], k, Made(steps=steps))
+
+    for k in range(3):
+        check(k)
+    for k, changes, text in (
+        (0, {"zone": -1e-9}, "expected a zone >= 0"),
+        (1, {"pause": -1e-9}, r"expected a time >= 0 \[s\]"),
+        (2, {"zone": 0.1}, "expected 0 at the end of the program"),
+        (0, {"pause": 0.1}, "expected 0 because the step has a zone, or no zone"),
+        (1, {"pause": 0.0, "zone": 0.1}, "expected 0 between a MoveJ and a move of the tool"),
+    ):
+        with pytest.raises(ArgumentError, match=f"step {k + 1}: .*{text}"):
+            check(k, **changes)
+    with pytest.raises(ArgumentError, match=r"^move m, step 1: given 3, expected a MoveJ, MoveL or MoveC$"):
+        made._check_step(3, 0, Made(steps=[3]))
