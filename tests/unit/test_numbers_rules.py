@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import signature
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy.linalg import eigh
 from scipy.sparse import csc_matrix
 
 import flexgen
+from flexgen.codegen.spec import LibrarySpec
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports.fmu import plant
 from flexgen.identification.recordings import experiment_file
@@ -20,6 +22,7 @@ from flexgen.identification.residuals import Residuals
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.laws import passivity
 from flexgen.laws.impedance import Impedance
+from flexgen.library.model_library import library_with
 from flexgen.loop import interface
 from flexgen.loop.controllers import Linear
 from flexgen.loop.margins import LoopAtPose
@@ -304,3 +307,30 @@ def test_steps_of_a_block_are_short_numbers(fastest: float, step: float, monkeyp
     held: Any = Made(tau_m=np.array([7.0]))
     assert plant._default_step(graphs, equations, np.zeros(4), held) == step
     assert_array_equal(asked[0][1][1], [7.0, 0, 0, 0, 0, 0, 0])
+
+
+def test_outputs_of_a_block_are_named_in_their_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each depends on the states that its row of the pattern has."""
+    pattern = np.zeros((2 * 2 + 3 + 9 + 3 + 3 + 2, 5), bool)
+    pattern[0, 1] = pattern[-1, [0, 4]] = True
+    monkeypatch.setattr(plant, "_pattern", lambda function, argument: pattern)
+    graphs: Any = Made(output=None)
+    found = plant._outputs(flexgen.read("elbow"), graphs)
+    names = [f"motor.{m}.{x}" for x in ("angle", "speed") for m in ("m1", "m2")]
+    names += [f"tool.position[{i}]" for i in (1, 2, 3)]
+    names += [f"tool.rotation[{i},{j}]" for i in (1, 2, 3) for j in (1, 2, 3)]
+    names += [f"tool.velocity[{i}]" for i in (1, 2, 3)] + [f"tool.angular_velocity[{i}]" for i in (1, 2, 3)]
+    assert [one.name for one in found] == [*names, "deflection.q1", "deflection.q2"]
+    units = ["rad"] * 2 + ["rad/s"] * 2 + ["m"] * 3 + ["1"] * 9 + ["m/s"] * 3 + ["rad/s"] * 3 + ["rad"] * 2
+    assert [one.unit for one in found] == units
+    assert found[0].depends == (1000 * plant.STATE + 1,) and found[1].depends == ()
+    assert found[-1].depends == (1000 * plant.STATE, 1000 * plant.STATE + 4)
+
+
+def test_libraries_have_one_vector_of_parameters_and_run_on_other_processors_unless_asked() -> None:
+    """Both would change the digits or the shapes of arrays of a user."""
+    assert LibrarySpec.__dataclass_fields__["per_point"].default is False
+    assert LibrarySpec.__dataclass_fields__["force"].default is False
+    assert LibrarySpec.__dataclass_fields__["precision"].default == "double"
+    defaults = {name: one.default for name, one in signature(library_with).parameters.items()}
+    assert (defaults["per_point"], defaults["native"], defaults["parameters"]) == (False, False, ())
