@@ -305,7 +305,7 @@ def _remove_delays(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np
 
 def _basis(Jz: np.ndarray) -> np.ndarray:
     """Orthonormal columns (segments, residuals, n_z) that span those of Jz; zero where Jz has less rank."""
-    U, values, _ = np.linalg.svd(Jz / np.linalg.norm(Jz, axis=1)[:, None, :], full_matrices=False)
+    U, values, _ = np.linalg.svd(Jz / np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :], full_matrices=False)
     return np.asarray(U * (values > RANK * values[:, :1])[:, None, :])
 
 
