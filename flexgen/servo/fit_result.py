@@ -18,6 +18,7 @@ from flexgen.spec.toml_text import toml
 from flexgen.type_checks import checked_result
 
 ENOUGH, LEFT = 0.9, 1.5  # explained, of the lag of the robot; unexplained, over the noise
+REPEATED = 0.4  # of the samples where a command moves: from here on steps of the angles are not like noise
 GAINS = ("position_gain", "speed_gain", "integral_gain")
 
 
@@ -96,6 +97,12 @@ class ServoFit(Result):
         return self.converged and self.left < LEFT
 
     @property
+    def repeated(self) -> float:
+        """Part of the samples with a command that moves in which the measured angle repeats, of the worst joint."""
+        moves, same = np.diff(self.record.command, axis=0) != 0.0, np.diff(self.record.angle, axis=0) == 0.0
+        return float(((moves & same).sum(axis=0) / np.maximum(moves.sum(axis=0), 1)).max())
+
+    @property
     def problem(self) -> str:
         """Why the servo cannot be used: it explains too little, or the search did not end."""
         if self.explained >= ENOUGH:
@@ -109,7 +116,8 @@ class ServoFit(Result):
         """The fit in words."""
         more = f"; {self.left:.2g} times the noise is left: other torque filters, structure, delay or model"
         found = f"servo identified, {100 * self.explained:.4g} % of the lag of the robot explained"
-        return self.problem or found + more * (not self.is_explained)
+        coarse = f"; angles repeat in {100 * self.repeated:.0f} % of the samples: finer angles, or a faster motion"
+        return self.problem or found + more * (not self.is_explained) + coarse * (self.repeated > REPEATED)
 
     def figures(self) -> tuple[Figure, ...]:
         """The figures in SI units, for tables."""
