@@ -7,8 +7,9 @@ The torques of the gears follow from the motors, those that the robot needs from
 The motion is low-passed at a higher frequency first: squares of smoothed speeds are not what is smoothed of squares.
 d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. Gears and
 links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the forces of
-the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c, d); the covariance follows
-from the residuals, whose correlation in time is that of the low pass.
+the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c, d). Standard deviations are
+the larger ones of two: of residuals whose correlation in time is that of the low pass, at least `LEAST_ERROR` of the
+torques, and of what leaving out half a second of the record changes, since errors of the model last longer.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
@@ -23,6 +24,7 @@ from scipy.signal import butter, filtfilt
 
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.loop.gains import lowest_locked_hz
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.memory.hysteresis import without_hysteresis
@@ -34,7 +36,7 @@ from flexgen.spec.arguments import is_number
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
 
-LOW_PASS_HZ = 8.0
+LOW_PASS_HZ, OF_LOWEST = 8.0, 1.5  # of the torques: at most; times the lowest natural frequency with motors at rest
 OF_MOTION, HIGHEST = 3.0, 0.4  # low pass of the motion: times that of the torques; at most, times the sample rate
 STEPS, CLOSE = 20, 1e-9
 NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
@@ -45,6 +47,8 @@ FEWEST = 200  # samples
 FARTHEST = 3.0  # m, center of mass
 AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
+LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
+BLOCK_S, FEWEST_BLOCKS = 0.5, 6  # of a record, each left out once; fewer tell too little about five numbers
 
 
 @checked_result
@@ -88,7 +92,7 @@ def identify_load(
     model: str | FilePath | RobotModel | Equations,
     record: Trajectory | str | FilePath,
     *,
-    low_pass_hz: float = LOW_PASS_HZ,
+    low_pass_hz: float | None = None,
     rigid: bool = False,
 ) -> Load:
     """Identify the load at the tool, mass and center of mass, from a record of motor angles and torques.
@@ -99,8 +103,9 @@ def identify_load(
         Without the load, or with another one as payload.
     record : Trajectory, or the name of its file
         Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, on an equidistant grid, as of `ControlRun.trajectory`.
-    low_pass_hz : float [Hz]
-        Of the torques; that of the motion is three times as high. Below the natural frequencies.
+    low_pass_hz : float, optional [Hz]
+        Of the torques; that of the motion is three times as high. Default: 8, or less: at most 1.5 times the lowest
+        natural frequency with the motors at rest.
     rigid : bool
         Without deflections, for comparison.
 
@@ -131,7 +136,7 @@ def identify_load(
 class _Estimate:
     """Filtered torques and motion, and the residuals of a load."""
 
-    def __init__(self, robot: RobotModel, record: Trajectory, low_pass_hz: float, rigid: bool) -> None:
+    def __init__(self, robot: RobotModel, record: Trajectory, low_pass_hz: float | None, rigid: bool) -> None:
         time, step = record.time, np.diff(record.time)
         h = float(step.mean())
         if len(time) < FEWEST or np.abs(step - h).max() > 1e-6 * h:
@@ -144,6 +149,8 @@ class _Estimate:
         for name in ("q_m", "tau_m"):
             if record[name].shape[1] != robot.n_m:
                 raise ArgumentError(f"record: given {record[name].shape[1]} columns of {name}, expected {robot.n_m}")
+        if low_pass_hz is None:
+            low_pass_hz = _default_low_pass(robot, record["q_m"][:1], rigid)
         if not (is_number(low_pass_hz) and 0 < low_pass_hz < 0.2 / h):
             raise ArgumentError(f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz")
         self.robot, self.h, self.rigid = robot, h, rigid
@@ -255,16 +262,18 @@ class _Estimate:
             if change < CLOSE:
                 break
         r = residual(x)
+        tau = self.tau_g[self.kept] / scale
         count = self.effective * r.shape[1]
-        covariance = np.linalg.inv(J.T @ J) * float((r**2).mean()) * r.size / max(count - 5, 1.0)
-        sd = np.sqrt(np.diag(covariance))
+        variance = float((r**2).mean() + LEAST_ERROR**2 * (tau**2).mean()) * r.size / max(count - 5, 1.0)
+        covariances = [np.linalg.inv(J.T @ J) * variance, self._left_out(r, J)]
+        sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
         is_nothing = max(x[0], change) < 2 * sd[0]  # steps between masses that noise hides
         if not (change < NOT_CLOSE or is_nothing):
             raise SolverError(
                 f"load: no solution in {STEPS} steps, the last changed the load by {change:.1e}; does the record "
                 f"belong to the model {self.robot.name}?"
             )
-        unexplained = float(np.linalg.norm(r) / np.linalg.norm(self.tau_g[self.kept] / scale))
+        unexplained = float(np.linalg.norm(r) / np.linalg.norm(tau))
         if not unexplained < UNEXPLAINED:
             raise SolverError(
                 f"load: no load explains the record, {100 * unexplained:.0f} % of the torques are left; does it belong "
@@ -274,6 +283,26 @@ class _Estimate:
         com = (x[0] * x[1:4] - start[0] * start[1:]) / mass if abs(mass) > 1e-9 else np.full(3, np.nan)
         share = x[0] / mass if abs(mass) > 1e-9 else np.nan
         slopes = np.column_stack([(x[1:4] - com) / (mass or np.nan), share * np.eye(3)])  # of com in x
-        com_sd = np.sqrt(np.diag(slopes @ covariance[:4, :4] @ slopes.T))
+        com_sd = np.sqrt(np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0))
         left = np.sqrt((r**2).mean(axis=0)) * scale
         return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), x[1:4], left, float(x[4]))
+
+    def _left_out(self, r: np.ndarray, J: np.ndarray) -> np.ndarray:
+        """Covariance (5, 5) of what leaving out a block of the record changes (jackknife); zero for few blocks."""
+        n, m = r.shape
+        blocks = np.arange(0, n, max(round(BLOCK_S / self.h), 1))
+        if len(blocks) < FEWEST_BLOCKS:
+            return np.zeros((J.shape[1], J.shape[1]))
+        Js = J.reshape(n, m, -1)
+        own = np.add.reduceat(np.einsum("nmp,nmq->npq", Js, Js), blocks)
+        scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, r), blocks)
+        changes = np.linalg.solve(own.sum(axis=0) - own, scores[..., None])[..., 0]
+        return np.asarray(changes.T @ changes * (1.0 - 1.0 / len(blocks)))
+
+
+def _default_low_pass(robot: RobotModel, q_m: np.ndarray, rigid: bool) -> float:
+    """Low pass of the torques [Hz] for motor angles (1, n_m)."""
+    q_a, still, quiet = (np.zeros((1, n)) for n in (robot.n_a, robot.n_a, robot.n_m))
+    q_a[:, list(robot.i_g)] = q_m @ np.linalg.inv(robot.eta).T
+    lowest = 0.0 if rigid else lowest_locked_hz(robot, (q_a, still, still, q_m, quiet, quiet, quiet))
+    return min(LOW_PASS_HZ, OF_LOWEST * lowest) if lowest else LOW_PASS_HZ
