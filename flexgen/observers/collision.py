@@ -4,7 +4,10 @@
 
 The residual is a low-passed estimate of the torques that the model does not explain: of contact, and of errors of model
 and friction. The arm follows the motors without deflection. Thresholds are ``MARGIN`` times the largest residual of
-runs without contact, of robots with other load and stiffness, and with noise.
+runs without contact, of robots with other load and stiffness, and with noise. Of n such runs and one more, each is as
+likely to have the largest residual of a motor: the new one is above a threshold of n_m motors with a chance of at most
+
+    n_m/(n + 1)    where the margin is one or more and new runs are drawn as those of `calibrate`, and are as long
 
 Source: A. De Luca, R. Mattone, IEEE ICRA 2005 (momentum residual).
 """
@@ -39,6 +42,9 @@ FUNCTIONS = ("mass_matrix", "bias", "motor_friction")
 class Detection(Result):
     """``residual`` (n, n_m) [N m, motor side]; ``sample``: the first one above a threshold, None: none.
 
+    ``false_alarms``: largest chance that a run without contact, drawn as those of `CollisionDetector.calibrate`, is
+    above a threshold; 1 where that is not known.
+
     Examples
     --------
     >>> run = flexgen.control("elbow").nominal
@@ -51,6 +57,7 @@ class Detection(Result):
 
     residual: np.ndarray
     sample: int | None
+    false_alarms: float = 1.0
 
     __repr__ = short_repr
 
@@ -87,7 +94,7 @@ class CollisionDetector:
             )
         refuse_harmonics(model, "CollisionDetector")
         self.model, self.sample_s, self.bandwidth_hz = model, sample_s, bandwidth_hz
-        self.thresholds = np.zeros(model.n_m)
+        self.thresholds, self.false_alarms = np.zeros(model.n_m), 1.0
         self._library = library_with(model, FUNCTIONS)
         self._module = c_module(SOURCE)
         self._module.flexgen_collision_run.restype = ctypes.c_int64
@@ -109,16 +116,20 @@ class CollisionDetector:
         residual = np.empty_like(p)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (memory, p, driven, self.thresholds, residual)]
         hit = self._module.flexgen_collision_run(pointers[0], ctypes.c_int64(len(p)), *pointers[1:])
-        return Detection(residual, None if hit < 0 else int(hit))
+        return Detection(residual, None if hit < 0 else int(hit), self.false_alarms)
 
     def calibrate(self, records: Iterable[tuple[np.ndarray, np.ndarray]], margin: float = MARGIN) -> np.ndarray:
-        """Set the thresholds (n_m,) from records ``(q_m, tau_m)`` without contact."""
-        largest = np.zeros(self.model.n_m)
-        for q_m, tau_m in records:
+        """Set the thresholds (n_m,) from records ``(q_m, tau_m)`` without contact.
+
+        Their number gives ``false_alarms``: record 60 for 6 motors and at most one alarm in ten runs.
+        """
+        largest, count = np.zeros(self.model.n_m), 0
+        for count, (q_m, tau_m) in enumerate(records, 1):  # noqa: B007
             largest = np.maximum(largest, np.abs(self.detect(q_m, tau_m).residual).max(axis=0))
         if not largest.any():
             raise ArgumentError("records: given none with motion, expected runs without contact")
         self.thresholds[:] = margin * largest
+        self.false_alarms = min(1.0, self.model.n_m / (count + 1)) if margin >= 1.0 else 1.0
         return self.thresholds.copy()
 
     def _terms(self, q_m: np.ndarray, tau_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,6 +16,7 @@ from flexgen.loop.channels import channels_of
 from flexgen.loop.noises import Noises
 from flexgen.loop.sampled_model import PoseModel
 from flexgen.observers import constant_gain, design, extended_kalman
+from flexgen.observers.collision import Detection
 
 pytestmark = needs_compiler
 H = 1e-3
@@ -251,3 +252,26 @@ def test_torque_of_a_disturbance_is_in_the_estimate() -> None:
         assert_allclose(found.disturbance, z[:, 2 * n :] if with_them else np.zeros((4, 2)))
         assert_allclose(found.deviation, z + 1)
         assert_allclose(found.normalized, z[:, 0])
+
+
+def test_false_alarms_are_as_rare_as_the_number_of_runs_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Residuals of runs without contact, drawn at random with heavy tails, and no margin."""
+    robot = flexgen.read("elbow")
+    detector = flexgen.CollisionDetector(robot, 1e-3)
+    assert detector.false_alarms == 1.0
+    own = detector.detect
+    rng = np.random.default_rng(0)
+    draw = lambda: np.exp(rng.standard_normal((1, 2)))  # noqa: E731
+    alarms, bound = 0, 2 / 10
+    for _ in range(2000):
+        monkeypatch.setattr(detector, "detect", lambda q_m, tau_m: Detection(q_m, None))
+        thresholds = detector.calibrate([(draw(), draw()) for _ in range(9)], margin=1.0)
+        alarms += bool((draw() > thresholds).any())
+    assert detector.false_alarms == pytest.approx(bound)
+    assert alarms / 2000 == pytest.approx(1 - 0.9**2, abs=0.02)  # of motors that do not depend on each other
+    monkeypatch.setattr(detector, "detect", own)
+    still = np.zeros((3, 2))
+    assert own(still, still).false_alarms == pytest.approx(bound)
+    monkeypatch.setattr(detector, "detect", lambda q_m, tau_m: Detection(q_m, None))
+    detector.calibrate([(draw(), draw())] * 99, margin=0.9)
+    assert detector.false_alarms == 1.0
