@@ -12,7 +12,9 @@ are the angles a, b, c about x, y, z, and S_k the deviation of each
 
     AT_abc = max_k |mean_j a_jk|,   RT_abc = max_k 3 S_k,       AP_abc = mean_j a_j,   RP_abc = 3 S     at the end
 
-Source: ISO 9283:1998, Manipulating industrial robots - Performance criteria and related test methods, sections 7 and 8.
+Source: ISO 9283:1998, Manipulating industrial robots - Performance criteria and related test methods: AP in 7.2.1, RP,
+with deviations over n - 1, in 7.2.2, stabilization in 7.4, overshoot in 7.5, figures of the path in section 8. Those of
+section 7 were compared with texts that cite it (GB/T 12642-2013, GOST R 60.3.3.1-2016), those of section 8 were not.
 """
 
 from __future__ import annotations
