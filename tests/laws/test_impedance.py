@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
+from scipy.linalg import eigh, expm
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.laws import passivity
-from flexgen.loop.margins import LoopAtPose
+from flexgen.loop.margins import LoopAtPose, loops_at
 from flexgen.loop.plants import LocalDynamics
+from flexgen.numerics.evaluate import evaluate
 
 pytestmark = needs_compiler
 T, RATIO, MASS = 1e-3, 50.0, 5.0
@@ -268,3 +269,54 @@ def test_loops_that_cannot_be_checked_are_refused() -> None:
     model = flexgen.read("planar5_nmp", overrides={"sensor": [tool]})
     with pytest.raises(ArgumentError, match=r"uses acc\.[xy], which a force on the tool changes at once"):
         flexgen.check_passivity(flexgen.control(model, controller=flexgen.LQG(rho=100.0), sample_time=1e-3))
+
+
+def stepped(loop: LoopAtPose, push: np.ndarray, out: np.ndarray, hz: float, steps: int) -> float:
+    """The margin under forces that are constant between ``steps`` instants of each sample, by integration in time.
+
+    ``push`` (2 n, k): state changed by the forces; ``out`` (k, n): positions of the tool.
+    """
+    m, n, k, dt = loop.model, len(loop.model.A) // 2, push.shape[1], loop.sample_s / steps
+    A, B, C, D = (x[0] for x in loop.controller.matrices)
+    size = 2 * n + len(A)
+    rates = np.zeros((2 * n + len(D) + k,) * 2)
+    rates[: 2 * n] = np.hstack([m.A, m.B, push])
+    step = expm(rates * dt)[: 2 * n]
+    # all in terms of the state of robot and controller at the sample and of the forces of the sample
+    x = np.eye(2 * n, size + steps * k)
+    law = np.zeros((len(D), size + steps * k))
+    law[:, : 2 * n], law[:, 2 * n : size] = -D @ m.C, -C
+    speeds = []
+    for i in range(steps):
+        force = np.eye(k, size + steps * k, size + i * k)
+        after = step @ np.vstack([x, law, force])
+        speeds.append(out @ (after - x)[:n] / dt)  # means
+        x = after
+    own = np.zeros((len(A), size + steps * k))
+    own[:, : 2 * n], own[:, 2 * n : size] = B @ m.C, A
+    S, v = np.vstack([x, own]), np.vstack(speeds)
+    z = np.exp(2j * np.pi * hz * loop.sample_s)
+    H = v[:, size:] + v[:, :size] @ np.linalg.solve(z * np.eye(size) - S[:, :size], S[:, size:])
+    Z = np.linalg.inv(H)
+    return float(np.linalg.eigvalsh((Z + Z.conj().T) / 2)[0])
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("two_arm", marks=pytest.mark.slow)])
+def test_margins_of_arms_are_those_of_a_count_of_energy(name: str) -> None:
+    """Of forces in 24 steps of a sample, with the force on the masses of the arm: no series over frequencies."""
+    run = flexgen.control(name, controller="ppi", sample_time=T, progress=False)
+    found = flexgen.check_passivity(run)
+    model, equations = passivity._with_viscous_friction(run.model), flexgen.derive(run.model)
+    at = np.array(list(run.pose_samples.values()))
+    loop = loops_at(model, run.law, T, run.delay_s, run.reference.points(at), at)[0]
+    q_a, n, n_a = run.reference.motion["q_a"][at[0]], len(loop.model.A) // 2, model.n_a
+    J = evaluate(equations.function("jacobian"), q_a[None])[0].reshape(6, n_a)[:3]
+    mass = evaluate(equations.function("mass_matrix"), q_a[None])[0].reshape(n_a, n_a)
+    U, sizes, _ = np.linalg.svd(J, full_matrices=False)
+    U = U[:, sizes > 1e-6 * sizes[0]]
+    push, out = np.zeros((2 * n, U.shape[1])), np.zeros((U.shape[1], n))
+    push[n : n + n_a], out[:, :n_a] = np.linalg.solve(mass, J.T @ U), U.T @ J
+    for k in (3, 40, 190):  # the integral part gives energy at low frequencies
+        known = stepped(loop, push, out, float(found.hz[k]), 24)
+        assert found.margins[0, k] == pytest.approx(known, rel=0.02)
+    assert found.margins[0, 3] < 0.0 < found.margins[0, 190]
