@@ -25,6 +25,7 @@ LEAST = 2e-3  # changes that are too small to be judged, in the units of `Linear
 DISTORTION_SD = 0.5  # of the logarithm of a ratio of distortions
 ALIKE = 6.0  # difference of costs, -2 log of the likelihood, of causes that the data do not distinguish
 SOFTEST = 0.05  # stiffness over that of the model
+SPRINGS = {"backlash": -1.0, "cubic": 1.0}  # sign of the change of the distortion with the amplitude
 PART = 0.2  # of the largest effect of a cause, below which a gear is not named
 
 
@@ -174,8 +175,19 @@ def compare(levels: Sequence[Level]) -> Comparison:
         return replace(none, changes=changes)
     motions, deflection, speed = _motions(levels, fits)
     causes = sorted((_rate(law, moved, motions) for law in LAWS), key=lambda cause: cause.cost)
-    likely = tuple(c for c in causes if c.cost < causes[0].cost + ALIKE and c.share >= LEAST_SHARE)
+    doubted = _contradicted(causes[0].law, moved.distortion, np.array([m.deflection.mean() for m in motions]))
+    near = [c for c in causes if c.cost < causes[0].cost + ALIKE or (doubted and c.law in SPRINGS)]
+    likely = tuple(c for c in near if c.share >= LEAST_SHARE)
     return Comparison(ratio, size, changes, likely, deflection, first.model.units[3] * speed)
+
+
+def _contradicted(law: str, distortion: np.ndarray, size: np.ndarray) -> bool:
+    """Whether the distortion of the levels changes with their ``size`` as that of the other of `SPRINGS` does.
+
+    Both have a smaller stiffness at a smaller amplitude.
+    """
+    slope = float((distortion - distortion.mean()) @ (size - size.mean()))
+    return slope * SPRINGS.get(law, 0.0) < 0.0
 
 
 def difference(levels: Sequence[Level]) -> tuple[float, float]:

@@ -246,3 +246,17 @@ def test_levels_of_other_experiments_and_of_the_same_speed_are_refused() -> None
         with pytest.raises(ArgumentError, match=f"^levels, 1: given {factor:.3g} times the speeds of data, expected"):
             at_levels._check(data, [other(speed_sd=factor * data.speed_sd)])
     assert amplitude.SAME == 2.0
+
+
+def test_a_spring_whose_distortion_is_that_of_the_other_does_not_exclude_it() -> None:
+    """A dead band distorts more at a smaller amplitude, a cubic spring less; the order of the levels does not count."""
+    sizes, falls = np.array([1.0, 0.3]), np.array([-3.1, -2.6])
+    for law, distortion, doubted in (
+        ("cubic", falls, True),
+        ("cubic", falls[::-1], False),
+        ("backlash", falls, False),
+        ("backlash", falls[::-1], True),
+        ("hysteresis", falls, False),
+    ):
+        assert amplitude._contradicted(law, distortion, sizes) is doubted
+        assert amplitude._contradicted(law, distortion[::-1], sizes[::-1]) is doubted
