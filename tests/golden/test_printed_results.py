@@ -66,7 +66,8 @@ def prediction(error_m: float | None, error_rad: float | None, halves: int) -> P
     )
 
 
-def servo(explained: float, noise: float = 2.5e-5, converged: bool = True) -> ServoFit:
+def servo(explained: float, noise: float = 2.5e-5, converged: bool = True, repeats: bool = False) -> ServoFit:
+    angle = np.array([[0.0], [0.0 if repeats else 0.5], [1.0]])
     law = flexgen.Cascade([20.0, 31.25], [5.0, 0.7], [1.0, 8.123456])
     return made(
         ServoFit,
@@ -79,7 +80,7 @@ def servo(explained: float, noise: float = 2.5e-5, converged: bool = True) -> Se
         explained=explained,
         converged=converged,
         motors=("m1", "m2"),
-        record=Made(source="a.csv"),
+        record=Made(source="a.csv", command=np.array([[0.0], [1.0], [2.0]]), angle=angle),
         interpolation="linear",
         model="arm",
     )
@@ -195,6 +196,7 @@ def _cases() -> Iterator[tuple[str, Callable[[], Any]]]:
         yield f"servo {explained}", functools.partial(servo, explained)
     yield "servo with more than noise", functools.partial(servo, 0.99, 1e-5)
     yield "servo of a search without end", functools.partial(servo, 0.99, converged=False)
+    yield "servo of coarse angles", functools.partial(servo, 0.99, repeats=True)
     yield "commands", lambda: commands("", 0, ())
     yield "commands at limits", lambda: commands("", 0, ("speed of q1", "acceleration of q2"))
     yield "commands of a saturated loop", lambda: commands("", 17, ())
