@@ -5,7 +5,9 @@
 F: viscous friction, Coulomb friction, a constant and a change of the rotor's inertia for each motor, and functions of
 chosen joints for a counterbalance. The links follow the motors less the deflections d of the gears, those of the model
 file and more in proportion to the torque: without them, a hundredth of the torque is wrong, and no block of the errors
-shows it. The torques are recorded a delay later than the angles; the delay and the compliances c are numbers of a fit.
+shows it. The torques tau_g that bend them are those recorded, less rotors and friction: from the bodies, they would
+grow from round to round above the lowest natural frequency. Torques are recorded a delay later than the angles; the
+delay and the compliances c are numbers of a fit.
 
 All terms are filtered alike, and so the equation holds for what is kept: what is slower than the limit.
 
@@ -34,6 +36,7 @@ SHORTEST = 4.0  # length of a record over that of the filter
 CORRELATED = 50  # samples of a whole record that share one error: the errors of a model are not white
 WIDEST = 2.0 / WINDOW  # limit of the filter times the step, from which on the polynomials are the filter
 BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
+WIDER = 2.0  # limit of the torques that bend gears over that of the filter, which would count twice
 RATE = 20.0  # samples that are kept before the filter, over its limit
 SOME = 500  # samples of a motion that show the size of the torques
 TERMS = ("Y", "F", "Z", "known", "held", "measured")
@@ -131,16 +134,17 @@ class Columns:
         lags : array (n_g + 1,) [rad/(N m) or m/N; s]
             Compliances that the model file does not have, arm side, and the delay.
         limit : float [Hz]
-            Faster torques bend nothing.
+            Of the filter; torques that are more than twice as fast bend nothing.
         """
         out, model, n_g = copy(self), self.regressor.model, self.regressor.model.n_g
         out.links, out.Y, out.F, out.Z, out.held, out.measured = [], [], [], [], [], []
         damping = gear_damping(self.regressor.equations)
-        low = None if np.isinf(limit) else LowPass(self.step, limit)
+        low = LowPass(self.step, WIDEST / self.step if np.isinf(limit) else WIDER * limit)
         for k, state in enumerate(self.states):
-            other = [2, *range(4, friction.shape[1])]  # harmonics have a mean, and the constant takes it back
-            load = self.Y[k] @ pi + self.held[k] + np.einsum("njc,jc->nj", self.F[k][:, :, other], friction[:, other])
-            torque = load @ model.eta if low is None else low.whole(load @ model.eta)
+            at = np.clip(self.t[k] + lags[n_g], 0.0, self.t[k][-1])
+            out.measured.append(make_interp_spline(self.t[k], self.recorded[k], k=3)(at))
+            own = self.known[k] + np.einsum("njc,jc->nj", self.F[k][:, :, [0, 1, 3]], friction[:, [0, 1, 3]])
+            torque = low.whole((out.measured[k] - own) @ model.eta)
             rate = np.gradient(gear_deflection(self.regressor.equations, torque), self.step, axis=0)
             bend = gear_deflection(self.regressor.equations, torque - damping * rate) + lags[:n_g] * torque
             links = tuple(x - d for x, d in zip(state, self._rates(bend), strict=True))
@@ -152,8 +156,6 @@ class Columns:
             total = out.Y[k] @ pi + self.known[k] + out.held[k] + np.einsum("njc,jc->nj", out.F[k], friction)
             late = -np.gradient(total, self.step, axis=0)
             out.Z.append(np.concatenate([self.motor_side(changes), late[:, :, None]], axis=2))
-            at = np.clip(self.t[k] + lags[n_g], 0.0, self.t[k][-1])
-            out.measured.append(make_interp_spline(self.t[k], self.recorded[k], k=3)(at))
         return out
 
     def below(self, limit: float) -> Columns:

@@ -84,6 +84,17 @@ def test_another_robot_is_found_and_its_bodies_are_possible():
         assert before.relative_errors(held_out)[axis] > 1.5 * found.relative_errors(held_out)[axis]
 
 
+@pytest.mark.slow
+def test_a_zero_that_is_off_is_named():
+    """Of the third of six axes; the last one has none, since the body turned about it has the same torques."""
+    model = flexgen.read("kr300")
+    motions = [recorded(model, k, noise=0.02) for k in range(3)]
+    moved = [replace(motion, q=motion.q + 0.1 * np.eye(6)[2]) for motion in motions]
+    found = identify_rigid(model, moved, parts=0)
+    assert found.status == RigidStatus.MODEL_ERROR and found.mistake.what == "a zero of q3 [rad] off by"
+    assert found.mistake.value == pytest.approx(0.1, rel=0.15)
+
+
 def _scaled(body: Body, factor: float) -> Body:
     inertia = tuple(tuple(x * factor for x in row) for row in body.inertia)
     return replace(body, mass=body.mass * factor, inertia=inertia)

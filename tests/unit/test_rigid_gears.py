@@ -27,7 +27,8 @@ VISCOUS, COULOMB, OFFSET = np.array([0.02, 0.03]), np.array([0.5, 0.8]), np.arra
 
 def soft(stiffness: np.ndarray = STIFFNESS) -> RobotModel:
     names = {}
-    for place, k, d in zip(("upper.dof.q1", "fore.dof.q2"), stiffness, DAMPING, strict=True):
+    damping = DAMPING if stiffness is STIFFNESS else 0.01 * DAMPING
+    for place, k, d in zip(("upper.dof.q1", "fore.dof.q2"), stiffness, damping, strict=True):
         names |= {f"element.{place}.gear.spring.stiffness": k, f"element.{place}.gear.damping": d}
     return flexgen.read("elbow", overrides=names)
 
@@ -38,7 +39,7 @@ def derivative(x: np.ndarray, order: int) -> np.ndarray:
     return np.fft.irfft(np.fft.rfft(x, axis=0) * w**order, len(x), axis=0)
 
 
-def recorded(late: float = 0.0, noise: float = 0.0, seed: int = 0) -> Motion:
+def recorded(late: float = 0.0, noise: float = 0.0, seed: int = 0, damping: np.ndarray = DAMPING) -> Motion:
     """A periodic motion of the links; motors ahead of them by the deflections of springs and dampers."""
     model, rng = flexgen.read("elbow@rigid"), np.random.default_rng(seed)
     t, lines = H * np.arange(N), np.array([2, 5, 9, 14])
@@ -48,7 +49,7 @@ def recorded(late: float = 0.0, noise: float = 0.0, seed: int = 0) -> Motion:
     e = flexgen.derive(model).function("inverse_dynamics").map(N)
     arm = np.array(e(q.T, derivative(q, 1).T, derivative(q, 2).T)).T
     w = 2j * np.pi * np.fft.rfftfreq(N, H)[:, None]
-    motors = q + np.fft.irfft(np.fft.rfft(arm, axis=0) / (STIFFNESS + w * DAMPING), N, axis=0)
+    motors = q + np.fft.irfft(np.fft.rfft(arm, axis=0) / (STIFFNESS + w * damping), N, axis=0)
     v, a = derivative(motors, 1) @ model.eta.T, derivative(motors, 2) @ model.eta.T
     tau = arm @ np.linalg.inv(model.eta) + np.array([m.inertia for m in model.motors]) * a
     tau += VISCOUS * v + COULOMB * np.tanh(v / np.abs(np.diag(model.eta)) / 5e-4) + OFFSET
@@ -56,7 +57,7 @@ def recorded(late: float = 0.0, noise: float = 0.0, seed: int = 0) -> Motion:
     return Motion(t, motors, shifted + noise * rng.standard_normal(tau.shape))
 
 
-def check(found: RigidFit, compliance: np.ndarray, late: float) -> None:
+def check(found: RigidFit, compliance: np.ndarray, late: float, other: Motion) -> None:
     """Numbers within four deviations, which are small; the torques of a motion that was not fitted."""
     assert found.status == RigidStatus.FITTED and found.lags_sd is not None
     away = (found.lags - np.append(compliance, late)) / found.lags_sd
@@ -65,7 +66,6 @@ def check(found: RigidFit, compliance: np.ndarray, late: float) -> None:
     ratio = np.abs(np.diag(found.file.eta))
     for column, true in enumerate((VISCOUS * ratio, COULOMB, OFFSET)):
         assert (np.abs(found.friction[:, column] - true) < 4 * sd[:, column]).all()
-    other = recorded(late, seed=7)
     assert (found.relative_errors(other) < 0.003).all()
 
 
@@ -77,8 +77,9 @@ CASES = [("too stiff", 6e-3), pytest.param("right", 0.0, marks=SLOW), pytest.par
 def test_gears_that_the_file_leaves_out_and_late_torques_are_found(file: str, late: float) -> None:
     model = {"right": soft(), "too stiff": soft(1.5 * STIFFNESS), "rigid": flexgen.read("elbow@rigid")}[file]
     missing = {"right": 0.0, "too stiff": 1 / 3, "rigid": 1.0}[file] / STIFFNESS
-    found = identify_rigid(model, [recorded(late, 0.02, k) for k in range(2)], parts=2)
-    check(found, missing, late)
+    damping = DAMPING if file == "right" else 0.01 * DAMPING  # of what is missing in the file nothing is known
+    found = identify_rigid(model, [recorded(late, 0.05, k, damping) for k in range(2)], parts=2)
+    check(found, missing, late, recorded(late, 0.0, 7, damping))
     answer = RigidIdentification(found, {}, {}, "")
     text = answer.to_text().replace("\n", " ")
     assert ("Gears of q1, q2 bend otherwise than in the model file" in text) == (file != "right")
@@ -87,6 +88,16 @@ def test_gears_that_the_file_leaves_out_and_late_torques_are_found(file: str, la
     assert [lag["name"] for lag in data["lags"]] == ["q1.compliance", "q2.compliance", "delay"]
     assert [lag["unit"] for lag in data["lags"]] == ["rad/(N m)", "rad/(N m)", "s"]
     assert data["lags"][2]["value"] == found.lags[2] and data["limit_hz"] == found.limit_hz
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late, status", [(0.05, RigidStatus.NOT_CHECKED), (0.3, RigidStatus.MODEL_ERROR)])
+def test_long_delays_are_found_or_refused(late: float, status: RigidStatus) -> None:
+    """Some samples are found in a few rounds more; a third of a second of motions of 0.2 to 1.4 Hz is none of them."""
+    found = identify_rigid(soft(), [recorded(late, 0.02)], parts=0)
+    assert found.status == status
+    if status == RigidStatus.NOT_CHECKED:
+        assert found.lags[2] == pytest.approx(late, abs=1e-3)
 
 
 def other_gravity(model: RobotModel, motion: Motion) -> Motion:
@@ -99,23 +110,20 @@ def other_gravity(model: RobotModel, motion: Motion) -> Motion:
 @pytest.mark.parametrize(
     "mistake, words, value",
     [
-        ("zero", "a zero of q1 [rad] off by", 0.1),
-        pytest.param("torque", "torques of m2 times", 1.2, marks=SLOW),
-        pytest.param("ratio", "a ratio of the gear of q2 times", 0.9, marks=SLOW),
+        ("torque", "torques of m2 times", 1.2),
+        pytest.param("ratio", "a ratio of the gear of q1 times", 1 / 0.9, marks=SLOW),  # only the quotient of both acts
         pytest.param("gravity", "gravity along z of the base [m/s^2] more by", 2 * 9.81, marks=SLOW),
     ],
 )
 def test_one_mistake_in_the_recording_or_the_file_is_named(mistake: str, words: str, value: float) -> None:
     """It explains the errors, and the fit has no deviations."""
     model, motion = soft(), recorded(noise=0.02)
-    if mistake == "zero":
-        motion = replace(motion, q=motion.q + np.array([value, 0.0]))
-    elif mistake == "torque":
+    if mistake == "torque":
         motion = replace(motion, tau_m=motion.tau_m * [1.0, value])
-    elif mistake == "ratio":  # the file's is larger than the true one, and so angles are too small
+    elif mistake == "ratio":  # that of q2 is larger in the file than in the robot, and so its angles are too small
         motor = model.motors[1]
-        model = replace(model, motors=(model.motors[0], replace(motor, ratio=(motor.ratio[0] / value,))))
-        motion = replace(motion, q=motion.q * [1.0, value])
+        model = replace(model, motors=(model.motors[0], replace(motor, ratio=(motor.ratio[0] / 0.9,))))
+        motion = replace(motion, q=motion.q * [1.0, 0.9])
     else:
         motion = other_gravity(model, motion)
     found = identify_rigid(model, [motion], parts=0)
@@ -123,9 +131,8 @@ def test_one_mistake_in_the_recording_or_the_file_is_named(mistake: str, words: 
     near = 2.0 if mistake == "gravity" else 0.15  # to first order
     assert found.mistake.what == words and found.mistake.value == pytest.approx(value, rel=near)
     answer = RigidIdentification(found, {}, {}, "")
-    assert (
-        found.mistake.sentence in answer.to_text().replace("\n", " ") and answer.to_dict()["mistake"]["what"] == words
-    )
+    assert found.mistake.sentence in answer.to_text().replace("\n", " ")
+    assert answer.to_dict()["mistake"]["what"] == words
 
 
 def test_the_torque_changes_with_lags_as_its_columns() -> None:

@@ -39,7 +39,8 @@ from flexgen.numerics.trust_region import Sums, minimize
 
 PRIOR = 1.0  # relative deviation of the bodies of the model file
 LARGEST = 0.01  # rad or m: deviation of a deflection that the file does not have, under the torques of the motion
-ROUNDS = 4  # of fits with deviations from the residuals of the last one
+ROUNDS, MOST = 4, 25  # of fits with deviations from the residuals of the last one, at least and at most
+SETTLED = 2e-3  # change of the lags over their deviations before the fit, below which no more rounds are needed
 PARTS, PARTS_MOST = 4, 100  # parts of each recording that are left out in turn
 
 
@@ -113,9 +114,7 @@ class RigidFit:
     def _columns(self, motions: Sequence[Motion], limit: float = np.inf) -> Columns:
         """The terms along motions whose links bend under the torques of this fit, of all samples."""
         columns = Columns(Regressor(self.file), motions, self.counterbalance, limit)
-        for _ in range(2):
-            columns = columns.bent(self.pi, self.friction, self.lags, self.limit_hz)
-        return columns
+        return columns.bent(self.pi, self.friction, self.lags, self.limit_hz)
 
     def _errors(self, motions: Sequence[Motion]) -> tuple[np.ndarray, np.ndarray]:
         """Rms of the errors and deviations of the torques of samples that move (n_m,)."""
@@ -177,19 +176,23 @@ def identify_rigid(
     extra = dict(counterbalance or {})
     _check(robot, motions, extra, prior, parts)
     limit, file = band_of(regressor, motions), regressor.of_model()
-    whole = Columns(regressor, motions, extra, limit)
+    whole = flat = Columns(regressor, motions, extra, limit)
     load = np.sqrt(np.mean((np.vstack(whole.measured) @ robot.eta) ** 2, axis=0))
     lags_sd = np.append(LARGEST / np.maximum(load, 1e-12), motions[0].step)
     weak = _Prior(file, prior * scales(file), lags_sd)
     at = _Numbers(file, np.zeros((robot.n_m, whole.F[0].shape[2])), np.zeros(robot.n_g + 1))
     columns = whole.below(limit)
     sd = np.maximum(np.std(np.vstack(columns.measured), axis=0), 1e-12)
-    for _ in range(ROUNDS):  # the weights follow the errors, and the links the torques
-        at = _fit_bodies(columns, weak, at, sd)
-        whole = whole.bent(*at, limit)
+    settled = False
+    for k in range(MOST):  # the weights follow the errors, and the links the torques
+        before, at = at, _fit_bodies(columns, weak, at, sd)
+        whole = flat.bent(*at, limit)
         columns = whole.below(limit)
         error = np.vstack(columns.measured) - np.vstack(columns.torques(at.pi, at.friction))
         sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
+        settled = bool((np.abs(at.lags - before.lags) < SETTLED * lags_sd).all())
+        if settled and k + 1 >= ROUNDS:
+            break
     error_rms, scale = columns.errors(at.pi, at.friction)
     there = None if parts == 0 else _leave_out(columns, weak, at, sd, parts)
     status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
@@ -199,7 +202,8 @@ def identify_rigid(
     mistake = None
     if (error_rms > rigid_accuracy.NOTICED * scale).any():
         mistake = find_mistake(whole, limit, at[:2], terms, error, weight, information)
-    if mistake is not None or not is_possible(robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale):
+    possible = is_possible(robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale)
+    if mistake is not None or not settled or not possible:
         status = RigidStatus.MODEL_ERROR
     return RigidFit(
         model=_model_of(robot, regressor.bodies(at.pi), extra, at.friction),
