@@ -3,9 +3,9 @@
 Each changes the torques by a column z times a number x, to first order. With the residuals e of the fit, its terms X,
 the weights W and the information P of its priors,
 
-    z_p = z - X (X' W X + P)^-1 X' W z,      x = z_p' W e / z_p' W z_p,      share = x z_p' W e / e' W e
+    z_p = z - X (X' W X + P)^-1 X' W z,      x = z_p' W e / z_p' W z_p,      share_j = 1 - |e_j - x z_pj|^2 / |e_j|^2
 
-and a mistake is named where it explains a large part of the residuals, by far more than their blocks let doubt.
+and a mistake is named where it explains half of the residuals of a motor j, by far more than their blocks let doubt.
 
 Source: C. R. Rao, Proceedings of the Cambridge Philosophical Society 44, 1948 (score test).
 """
@@ -20,14 +20,14 @@ from flexgen.analysis.rigid_columns import BLOCK_S, Columns
 from flexgen.analysis.rigid_regressor import Regressor
 from flexgen.numerics.low_pass import LowPass
 
-SHARE = 0.3  # of the residuals that a mistake explains
+SHARE = 0.5  # of the residuals of a motor that a mistake explains
 SURE = 5.0  # deviations from zero
 NOTHING = 1e-9  # of a column that is left where the fit has others for it
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """A mistake that explains the residuals: ``what``, its ``value`` to first order, and the ``share`` explained."""
+    """A mistake that explains the residuals: ``what``, its ``value`` to first order, and the largest ``share``."""
 
     what: str
     value: float
@@ -36,7 +36,7 @@ class Mistake:
     @property
     def sentence(self) -> str:
         """The mistake in words."""
-        return f"{self.what} about {self.value:.2g} explains {100 * self.share:.0f} % of the errors."
+        return f"{self.what} about {self.value:.2g} explains {100 * self.share:.0f} % of the errors of a motor."
 
 
 def find_mistake(
@@ -75,8 +75,10 @@ def find_mistake(
     size, score = (left**2).sum(axis=0), left.T @ e
     known = size > NOTHING * (Z**2).sum(axis=0)
     value = np.where(known, score / np.where(known, size, 1.0), 0.0)
-    share = value * score / max(float(e @ e), 1e-300)
-    best = int(np.argmax(share))
+    better = (e**2)[:, None] - (e[:, None] - left * value) ** 2
+    by_motor = (e**2).reshape(len(weight), -1).sum(axis=1)
+    shares = better.reshape(len(weight), -1, len(names)).sum(axis=1) / np.maximum(by_motor, 1e-300)[:, None]
+    best, share = int(np.argmax(value * score)), shares.max(axis=0)
     rest = (left[:, best] * (e - value[best] * left[:, best])).reshape(len(weight), -1).sum(axis=0)
     block = max(1, round(BLOCK_S / step))
     sums = np.array([rest[k : k + block].sum() for k in range(0, len(rest), block)])

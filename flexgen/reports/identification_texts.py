@@ -178,13 +178,13 @@ def text_of_rigid(found: RigidIdentification) -> str:
 
 
 def _springs(found: RigidIdentification) -> str:
-    """A sentence on gears that bend otherwise than in the model file; empty: the recordings show none."""
+    """A sentence on gears that deflect otherwise than in the model file; empty: the recordings show none."""
     other = [name.partition(".")[0] for name, _, value, sd in found.lags[:-1] if sd is not None and abs(value) > 3 * sd]
     if not other:
         return ""
     return paragraph(
-        f"Gears of {', '.join(other)} bend otherwise than in the model file. The numbers above take that into account, "
-        "the springs of the new file do not: identify them from frequency responses."
+        f"Gears of {', '.join(other)} deflect otherwise than in the model file. The numbers above take that into "
+        "account, the springs of the new file do not: identify them from frequency responses."
     )
 
 

@@ -82,7 +82,7 @@ def test_gears_that_the_file_leaves_out_and_late_torques_are_found(file: str, la
     check(found, missing, late, recorded(late, 0.0, 7, damping))
     answer = RigidIdentification(found, {}, {}, "")
     text = answer.to_text().replace("\n", " ")
-    assert ("Gears of q1, q2 bend otherwise than in the model file" in text) == (file != "right")
+    assert ("Gears of q1, q2 deflect otherwise than in the model file" in text) == (file != "right")
     assert "q1.compliance" in text and f"below {found.limit_hz:.3g} Hz" in text
     data = answer.to_dict()
     assert [lag["name"] for lag in data["lags"]] == ["q1.compliance", "q2.compliance", "delay"]
@@ -110,8 +110,8 @@ def other_gravity(model: RobotModel, motion: Motion) -> Motion:
 @pytest.mark.parametrize(
     "mistake, words, value",
     [
-        ("torque", "torques of m2 times", 1.2),
-        pytest.param("ratio", "a ratio of the gear of q1 times", 1 / 0.9, marks=SLOW),  # only the quotient of both acts
+        ("torque", "torques of m1 times", 1 / 1.2),  # only quotients of the two motors act
+        pytest.param("ratio", "a ratio of the gear of q1 times", 1 / 0.9, marks=SLOW),
         pytest.param("gravity", "gravity along z of the base [m/s^2] more by", 2 * 9.81, marks=SLOW),
     ],
 )
@@ -119,7 +119,7 @@ def test_one_mistake_in_the_recording_or_the_file_is_named(mistake: str, words: 
     """It explains the errors, and the fit has no deviations."""
     model, motion = soft(), recorded(noise=0.02)
     if mistake == "torque":
-        motion = replace(motion, tau_m=motion.tau_m * [1.0, value])
+        motion = replace(motion, tau_m=motion.tau_m * [1.0, 1.2])
     elif mistake == "ratio":  # that of q2 is larger in the file than in the robot, and so its angles are too small
         motor = model.motors[1]
         model = replace(model, motors=(model.motors[0], replace(motor, ratio=(motor.ratio[0] / 0.9,))))

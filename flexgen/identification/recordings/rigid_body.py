@@ -39,8 +39,9 @@ from flexgen.numerics.trust_region import Sums, minimize
 
 PRIOR = 1.0  # relative deviation of the bodies of the model file
 LARGEST = 0.01  # rad or m: deviation of a deflection that the file does not have, under the torques of the motion
+LATE_S = 3e-3  # deviation of the delay of the torques, at least; a sample where that is more
 ROUNDS, MOST = 4, 25  # of fits with deviations from the residuals of the last one, at least and at most
-SETTLED = 2e-3  # change of the lags over their deviations before the fit, below which no more rounds are needed
+SETTLED_S, SETTLED_SD = 3e-6, 0.2  # change of the delay [s], and over its deviation: no more rounds are needed
 PARTS, PARTS_MOST = 4, 100  # parts of each recording that are left out in turn
 
 
@@ -178,20 +179,20 @@ def identify_rigid(
     limit, file = band_of(regressor, motions), regressor.of_model()
     whole = flat = Columns(regressor, motions, extra, limit)
     load = np.sqrt(np.mean((np.vstack(whole.measured) @ robot.eta) ** 2, axis=0))
-    lags_sd = np.append(LARGEST / np.maximum(load, 1e-12), motions[0].step)
+    lags_sd = np.append(LARGEST / np.maximum(load, 1e-12), max(LATE_S, motions[0].step))
     weak = _Prior(file, prior * scales(file), lags_sd)
     at = _Numbers(file, np.zeros((robot.n_m, whole.F[0].shape[2])), np.zeros(robot.n_g + 1))
     columns = whole.below(limit)
     sd = np.maximum(np.std(np.vstack(columns.measured), axis=0), 1e-12)
-    settled = False
-    for k in range(MOST):  # the weights follow the errors, and the links the torques
+    change = np.inf
+    for k in range(MOST):  # the weights follow the errors, the links the torques, and the torques the delay
         before, at = at, _fit_bodies(columns, weak, at, sd)
         whole = flat.bent(*at, limit)
         columns = whole.below(limit)
         error = np.vstack(columns.measured) - np.vstack(columns.torques(at.pi, at.friction))
         sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
-        settled = bool((np.abs(at.lags - before.lags) < SETTLED * lags_sd).all())
-        if settled and k + 1 >= ROUNDS:
+        change = abs(at.lags[-1] - before.lags[-1])
+        if k + 1 >= ROUNDS and change < SETTLED_S:
             break
     error_rms, scale = columns.errors(at.pi, at.friction)
     there = None if parts == 0 else _leave_out(columns, weak, at, sd, parts)
@@ -203,6 +204,7 @@ def identify_rigid(
     if (error_rms > rigid_accuracy.NOTICED * scale).any():
         mistake = find_mistake(whole, limit, at[:2], terms, error, weight, information)
     possible = is_possible(robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale)
+    settled = change < max(SETTLED_S, SETTLED_SD * np.sqrt(found[-1, -1]))
     if mistake is not None or not settled or not possible:
         status = RigidStatus.MODEL_ERROR
     return RigidFit(
