@@ -23,8 +23,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.polynomial_filter import WINDOW, derivatives, smooth_forces
 
 RANK = 1e-9  # of singular values of base parameters
-BODY = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
-          "inertia_xz")  # fmt: skip
+BODY = ("mass", *(f"com_{axis}" for axis in "xyz"), *(f"inertia_{axes}" for axes in "xx yy zz xy yz xz".split()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -385,7 +385,7 @@ def fit_motion(
     held_out: tuple[float, ...] = ()
     status = _status(fit, percent, white)
     if validate is not None:
-        held_out, held_out_rms = _validate(vector, fit.x, validate, segment_s)
+        held_out, held_out_rms = _validate(vector, fit.x, validate, segment_s, shooting.sd)
         if status.agrees and _fails(percent, held_out, held_out_rms / rms):
             status = FitStatus.POORLY_VALIDATED
     return MotionFit(
@@ -444,10 +444,11 @@ def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.nd
 
 
 def _validate(
-    vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float
+    vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float, sd: np.ndarray
 ) -> tuple[tuple[float, ...], np.ndarray]:
     """Fit in percent and rms of the errors of recordings that were not fitted; their start states are free."""
     other = _Shooting(vector, read_description(path), segment_s)
+    other.sd = sd  # of the fit: with larger deviations the prior would hold start states
     other.settle(x)
     r, _ = other.settle(x)
     errors = other.errors(r) * other.sd
