@@ -83,6 +83,7 @@ def test_mujoco_with_several_elements_follows_the_path(name: str, elements: Sequ
     assert wrong < WRONG * unknown
 
 
+@pytest.mark.slow
 def test_mujoco_with_a_law_of_another_package_follows_the_path() -> None:
     """Known, and with lost motions that are 20 % too large."""
     found = [flexgen.solve(with_law("elbow", factor), progress=False) for factor in (1.0, 1.2)]

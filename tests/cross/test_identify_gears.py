@@ -81,6 +81,7 @@ def test_twelve_seconds_without_noise_give_the_loop(short: flexgen.Trajectory, t
     assert found.model.elements[0].dofs[0].gear == gear
 
 
+@pytest.mark.slow
 def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
     """The transmission error of the elastic gear alone, from the closed loop of such a robot."""
     rigid = {"element.fore.dof.q2.gear": {"type": "rigid"}}

@@ -107,7 +107,7 @@ def test_eight_configurations_have_eight_flags(name):
     """Random poses with eight solutions; the Jacobian's determinant is a constant times the product of the parts."""
     model, rng = flexgen.read(name), np.random.default_rng(2)
     solver, eights, ratios = _solver(model, ()), 0, []
-    for _ in range(30):
+    for _ in range(15):
         full = rng.uniform(-np.pi, np.pi, 6)
         p, R = solver.library.forward_kinematics(full)
         found = flexgen.kinematics(model, p, R)
@@ -116,7 +116,7 @@ def test_eight_configurations_have_eight_flags(name):
         if len(found) == 8:
             eights += 1
             assert len({c.flags for c in found}) == 8
-    assert eights > 10 and np.ptp(ratios) < 1e-6 * np.abs(ratios).max()
+    assert eights > 4 and np.ptp(ratios) < 1e-6 * np.abs(ratios).max()
 
 
 @pytest.mark.slow

@@ -127,7 +127,10 @@ OPTIMIZED_CASES = {
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
     "unit/test_numbers_amplitude.py": {"Coulomb", "cubic"},
-    "unit/test_limits_stream.py": {"load", "sums", "lugre"},
+    "unit/test_limits_stream.py": {
+        *("load", "sums", "lugre", "joint_acceleration_max", "joint_speed_max"),
+        *("motor_speed_max", "tool_acceleration_max", "tool_speed_max"),
+    },
     "unit/test_codegen.py": {"parts1", "parts2", "parts3"},
     "client/test_docs.py": {
         "docs/calibration.md",
@@ -212,7 +215,7 @@ SLOW_CASES = {
         "107-simplified-elastic-True",
     },
     "cross/test_end_of_path.py": {"lq"},
-    "cross/test_hysteresis_in_c.py": {"several", "planar5_nmp", "bent", "24"},
+    "cross/test_hysteresis_in_c.py": {"several", "planar5_nmp", "bent", "24", "undamped"},
     "cross/test_inversion_functions.py": {"ur5_elastic"},
     "cross/test_lugre_in_c.py": {"planar5_nmp"},
     "cross/test_lugre_in_mujoco.py": {"elbow"},

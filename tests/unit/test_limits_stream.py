@@ -461,6 +461,7 @@ def test_swings_of_sums_follow_the_parameters(tmp_path: FilePath) -> None:
     assert worst[0] == 0.0 < 1e-4 < worst[1]
 
 
+@pytest.mark.slow
 def test_a_stream_that_exceeds_the_limit_of_a_rate_by_far_fails() -> None:
     """Torques of this motion jump: modifications cause one another."""
     model, failed = "four_mass", 0
