@@ -36,7 +36,8 @@ SHORTEST = 4.0  # length of a record over that of the filter
 CORRELATED = 50  # samples of a whole record that share one error: the errors of a model are not white
 WIDEST = 2.0 / WINDOW  # limit of the filter times the step, from which on the polynomials are the filter
 BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
-WIDER = 2.0  # limit of the torques that bend gears over that of the filter, which would count twice
+WIDER = 4.0  # limit of the torques that bend gears over that of the filter, which would count twice
+DEGREE = 5  # of the splines whose derivatives are taken: finite differences bend gears up to a percent too little
 RATE = 20.0  # samples that are kept before the filter, over its limit
 SOME = 500  # samples of a motion that show the size of the torques
 TERMS = ("Y", "F", "Z", "known", "held", "measured")
@@ -100,8 +101,9 @@ class Columns:
 
     def _rates(self, x: np.ndarray) -> list[np.ndarray]:
         """Slow signals (n, ...) with their first two derivatives."""
-        v = np.gradient(x, self.step, axis=0)
-        return [x, v, np.gradient(v, self.step, axis=0)]
+        t = self.step * np.arange(len(x))
+        spline = make_interp_spline(t, x, k=DEGREE)
+        return [x, spline(t, 1), spline(t, 2)]
 
     def _relief(self, q: np.ndarray) -> np.ndarray:
         """Torques (n, n_m) by the harmonics of counterbalances that are not fitted."""
@@ -134,7 +136,7 @@ class Columns:
         lags : array (n_g + 1,) [rad/(N m) or m/N; s]
             Compliances that the model file does not have, arm side, and the delay.
         limit : float [Hz]
-            Of the filter; torques that are more than twice as fast bend nothing.
+            Of the filter; torques that are more than `WIDER` times as fast bend nothing.
         """
         out, model, n_g = copy(self), self.regressor.model, self.regressor.model.n_g
         out.links, out.Y, out.F, out.Z, out.held, out.measured = [], [], [], [], [], []
@@ -145,7 +147,7 @@ class Columns:
             out.measured.append(make_interp_spline(self.t[k], self.recorded[k], k=3)(at))
             own = self.known[k] + np.einsum("njc,jc->nj", self.F[k][:, :, [0, 1, 3]], friction[:, [0, 1, 3]])
             torque = low.whole((out.measured[k] - own) @ model.eta)
-            rate = np.gradient(gear_deflection(self.regressor.equations, torque), self.step, axis=0)
+            rate = self._rates(gear_deflection(self.regressor.equations, torque))[1]
             bend = gear_deflection(self.regressor.equations, torque - damping * rate) + lags[:n_g] * torque
             links = tuple(x - d for x, d in zip(state, self._rates(bend), strict=True))
             out.links.append(links)
@@ -154,8 +156,8 @@ class Columns:
             out.held.append(self._relief(links[0]))
             changes = self.regressor.changes(links, pi, self._rates(-torque))
             total = out.Y[k] @ pi + self.known[k] + out.held[k] + np.einsum("njc,jc->nj", out.F[k], friction)
-            late = -np.gradient(total, self.step, axis=0)
-            out.Z.append(np.concatenate([self.motor_side(changes), late[:, :, None]], axis=2))
+            late = -self._rates(total)[1][:, :, None]
+            out.Z.append(np.concatenate([self.motor_side(changes), late], axis=2))
         return out
 
     def below(self, limit: float) -> Columns:
