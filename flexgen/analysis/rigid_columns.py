@@ -2,12 +2,12 @@
 
     tau_m(t) = eta^-T Y(q, v, a) pi + J_m eta a + F phi,      q(t) = eta^-1 q_m(t) - d(t),      d = law(tau_g) + c tau_g
 
-F: viscous friction, Coulomb friction, a constant and a change of the rotor's inertia for each motor, and functions of
-chosen joints for a counterbalance. The links follow the motors less the deflections d of the gears, those of the model
-file and more in proportion to the torque: without them, a hundredth of the torque is wrong, and no block of the errors
-shows it. The torques tau_g that bend them are those recorded, less rotors and friction: from the bodies, they would
-grow from round to round above the lowest natural frequency. Torques are recorded a delay later than the angles; the
-delay and the compliances c are numbers of a fit.
+F: viscous friction, Coulomb friction, a constant and a change of the rotor's inertia for each motor, functions of
+chosen joints for a counterbalance, and friction that falls with speed, sigma / cosh(alpha v). The links follow the
+motors less the deflections d of the gears, those of the model file and more in proportion to the torque: without them,
+a hundredth of the torque is wrong, and no block of the errors shows it. The torques tau_g that bend them are those
+recorded, less rotors and friction: from the bodies, they would grow from round to round above the lowest natural
+frequency. Torques are recorded a delay later than the angles; the delay and the compliances c are numbers of a fit.
 
 All terms are filtered alike, and so the equation holds for what is kept: what is slower than the limit.
 
@@ -39,6 +39,7 @@ BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
 WIDER = 4.0  # limit of the torques that bend gears over that of the filter, which would count twice
 DEGREE = 5  # of the splines whose derivatives are taken: finite differences bend gears up to a percent too little
 RATE = 20.0  # samples that are kept before the filter, over its limit
+FADED = 300.0  # fade times speed, from which on nothing of the friction is there
 SOME = 500  # samples of a motion that show the size of the torques
 TERMS = ("Y", "F", "Z", "known", "held", "measured")
 
@@ -81,6 +82,9 @@ class Columns:
         inertia = np.array([motor.inertia for motor in model.motors])
         self._names = [model.coordinates[i].name for i in model.i_g]
         self._counterbalance = counterbalance
+        self.fades = np.zeros(model.n_m)
+        self._speeds = [motion.derivatives[1] @ model.eta.T / ratio for motion in motions]
+        self._every = every
         self.Y, self.F, self.Z, self.known, self.held = [], [], [], [], []
         self.measured = self.recorded
         self.moving = [np.abs(v @ model.eta.T) > MOVING * ratio for _, v, _ in self.states]
@@ -127,6 +131,46 @@ class Columns:
                 columns.append(column)
         return np.stack(columns, axis=2) if columns else np.zeros((len(q), len(eta), 0))
 
+    def with_fades(self, fades: np.ndarray, sizes: np.ndarray) -> Columns:
+        """All samples, with two more columns for friction that falls with speed: its size, and changes of its fade.
+
+        Parameters
+        ----------
+        fades, sizes : arrays (n_m,) [s/rad or s/m, of the joint; N m]
+            Where a fade is zero, the motor has no such friction, and the columns are zero.
+        """
+        out, base = copy(self), self.F[0].shape[2] - 2 * bool(self.fades.any())
+        out.fades, out.F = fades, [F[:, :, :base] for F in self.F]
+        if fades.any():
+            more = self.fade_columns(fades)
+            there = (fades > 0) * np.stack([np.ones_like(sizes), sizes])
+            out.F = [
+                np.concatenate([F, (x * there[:, None]).transpose(1, 2, 0)], 2)
+                for F, x in zip(out.F, more, strict=True)
+            ]
+        return out
+
+    def fade_columns(self, fades: np.ndarray) -> list[np.ndarray]:
+        """Friction of size one that falls with speed, and its derivative by the fade, of each motion (2, n, n_m)."""
+        out = []
+        for v in self._speeds:
+            level = np.tanh(v / COULOMB_SPEED) / np.cosh(np.minimum(np.abs(fades * v), FADED))
+            rows = level, -level * v * np.tanh(fades * v)
+            out.append(np.stack([smooth_forces(x)[:: self._every] for x in rows]))
+        return out
+
+    def largest_speeds(self) -> np.ndarray:
+        """Of the motors (n_m,) [rad/s or m/s, of the joint]."""
+        return np.asarray(np.abs(np.vstack(self._speeds)).max(axis=0))
+
+    def of_motors(self, k: int, friction: np.ndarray, *, offset: bool = True) -> np.ndarray:
+        """Torques (n, n_m) of rotors and friction in motion k, without counterbalances."""
+        count = friction.shape[1]
+        at = [c for c in range(count) if c < 4 or (self.fades.any() and c >= count - 2)]
+        if not offset:
+            at.remove(2)
+        return np.asarray(np.einsum("njc,jc->nj", self.F[k][:, :, at], friction[:, at]))
+
     def bent(self, pi: np.ndarray, friction: np.ndarray, lags: np.ndarray, limit: float) -> Columns:
         """All samples, where the gears bend under the torques of these numbers and torques are late.
 
@@ -145,14 +189,16 @@ class Columns:
         for k, state in enumerate(self.states):
             at = np.clip(self.t[k] + lags[n_g], 0.0, self.t[k][-1])
             out.measured.append(make_interp_spline(self.t[k], self.recorded[k], k=3)(at))
-            own = self.known[k] + np.einsum("njc,jc->nj", self.F[k][:, :, [0, 1, 3]], friction[:, [0, 1, 3]])
+            own = self.known[k] + self.of_motors(k, friction, offset=False)
             torque = low.whole((out.measured[k] - own) @ model.eta)
             rate = self._rates(gear_deflection(self.regressor.equations, torque))[1]
             bend = gear_deflection(self.regressor.equations, torque - damping * rate) + lags[:n_g] * torque
             links = tuple(x - d for x, d in zip(state, self._rates(bend), strict=True))
             out.links.append(links)
             out.Y.append(self.motor_side(self.regressor(*links)))
-            out.F.append(np.concatenate([self.F[k][:, :, :4], self._harmonics(links[0])], axis=2))
+            harmonics = self._harmonics(links[0])
+            rows = self.F[k][:, :, :4], harmonics, self.F[k][:, :, 4 + harmonics.shape[2] :]
+            out.F.append(np.concatenate(rows, axis=2))
             out.held.append(self._relief(links[0]))
             changes = self.regressor.changes(links, pi, self._rates(-torque))
             total = out.Y[k] @ pi + self.known[k] + out.held[k] + np.einsum("njc,jc->nj", out.F[k], friction)
@@ -171,6 +217,17 @@ class Columns:
         out.step = self.step * low.every
         out.correlated = max(1.0, 0.5 / (limit * out.step))
         return out
+
+    def by_motor(self) -> list[np.ndarray]:
+        """Terms (n, numbers) of each motor: bodies, frictions of all motors row by row, lags."""
+        Y, F, Z = (np.concatenate(x) for x in (self.Y, self.F, self.Z))
+        n, motors, count = F.shape
+        X = []
+        for j in range(motors):
+            friction = np.zeros((n, motors * count))
+            friction[:, j * count : (j + 1) * count] = F[:, j]
+            X.append(np.hstack([Y[:, j], friction, Z[:, j]]))
+        return X
 
     def part(self, pieces: Sequence[tuple[int, slice]]) -> Columns:
         """Some samples of some motions: number of the motion, and samples."""

@@ -1,5 +1,7 @@
 """What a recording of a rigid arm may have wrong: the torques of one motor, a gear ratio, the zero of an angle.
 
+Friction that falls with speed is found in the same way.
+
 Each changes the torques by a column z times a number x, to first order. With the residuals e of the fit, its terms X,
 the weights W and the information P of its priors,
 
@@ -21,7 +23,9 @@ from flexgen.analysis.rigid_regressor import Regressor
 from flexgen.numerics.low_pass import LowPass
 
 SHARE = 0.5  # of the residuals of a motor that a mistake explains
+FALLS = 0.05  # of the residuals of a motor that friction explains which falls with speed
 SURE = 5.0  # deviations from zero
+SPEEDS = (0.02, 0.06, 0.2, 0.6)  # over the largest speed, to which friction falls
 NOTHING = 1e-9  # of a column that is left where the fit has others for it
 
 
@@ -39,7 +43,27 @@ class Mistake:
         return f"{self.what} about {self.value:.2g} explains {100 * self.share:.0f} % of the errors of a motor."
 
 
-def find_mistake(
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """Of columns (n_m n, candidates), by motors: what the fit leaves of them, their numbers, and what they explain."""
+
+    left: np.ndarray
+    size: np.ndarray
+    value: np.ndarray
+    gain: np.ndarray
+    shares: np.ndarray
+    error: np.ndarray
+    block: int
+
+    def is_sure(self, k: int) -> bool:
+        """Whether a number is far from zero, by the blocks of the errors."""
+        rows = self.left[:, k] * (self.error - self.value[k] * self.left[:, k])
+        rest = rows.reshape(len(self.shares), -1).sum(axis=0)
+        sums = np.array([rest[i : i + self.block].sum() for i in range(0, len(rest), self.block)])
+        return bool(abs(self.value[k]) * self.size[k] > SURE * np.sqrt(sums @ sums))
+
+
+def find_causes(
     whole: Columns,
     limit: float,
     numbers: tuple[np.ndarray, np.ndarray],
@@ -47,8 +71,10 @@ def find_mistake(
     error: np.ndarray,
     weight: np.ndarray,
     prior: np.ndarray,
-) -> Mistake | None:
-    """The mistake that explains most of the residuals; None: none explains a large part of them.
+) -> tuple[Mistake | None, np.ndarray]:
+    """The mistake that explains most of the residuals, or fades of frictions that fall with speed and explain more.
+
+    None and zeros (n_m,) [s/rad or s/m, of the joint]: nothing explains a large part of them.
 
     Parameters
     ----------
@@ -64,11 +90,38 @@ def find_mistake(
     weight, prior : arrays (n_m,), (parameters,)
         Of the errors, and information.
     """
+    names, columns, step = _candidates(whole, limit, *numbers)
+    fades, falling = _fade_columns(whole, limit)
+    scores = _scores(np.concatenate([columns, falling], axis=2), terms, error, weight, prior, round(BLOCK_S / step))
+    motors, found = len(weight), np.zeros(len(weight))
+    scores.gain[len(names) :][scores.value[len(names) :] <= 0] = 0.0  # it falls
+    best = int(np.argmax(scores.gain))
+    if best < len(names):
+        share = float(scores.shares[:, best].max())
+        if share >= SHARE and scores.is_sure(best):
+            what, nominal = names[best]
+            return Mistake(what, nominal + float(scores.value[best]), share), found
+    for j in range(motors):
+        own = np.arange(len(names) + j, len(scores.gain), motors)
+        k = int(own[np.argmax(scores.gain[own])])
+        if whole.fades[j] == 0 and scores.gain[k] > 0 and scores.shares[j, k] >= FALLS and scores.is_sure(k):
+            found[j] = fades[k - len(names)]
+    return None, found
+
+
+def _scores(
+    columns: np.ndarray,
+    terms: list[np.ndarray],
+    error: np.ndarray,
+    weight: np.ndarray,
+    prior: np.ndarray,
+    block: int,
+) -> _Scores:
+    """What columns (n, n_m, candidates) explain of the errors besides the terms of the fit."""
     X = np.vstack([x * w for x, w in zip(terms, weight, strict=True)])
     scale = np.sqrt((X**2).sum(axis=0) + prior)
     scale = np.where(scale > 0, scale, 1.0)
     X, e = X / scale, (error * weight).T.ravel()
-    names, columns, step = _candidates(whole, limit, *numbers)
     Z = (columns * weight[:, None]).transpose(1, 0, 2).reshape(len(e), -1)
     A = X.T @ X + np.diag(prior / scale**2)
     left = Z - X @ np.linalg.lstsq(A, X.T @ Z, rcond=1e-14)[0]
@@ -77,16 +130,20 @@ def find_mistake(
     value = np.where(known, score / np.where(known, size, 1.0), 0.0)
     better = (e**2)[:, None] - (e[:, None] - left * value) ** 2
     by_motor = (e**2).reshape(len(weight), -1).sum(axis=1)
-    shares = better.reshape(len(weight), -1, len(names)).sum(axis=1) / np.maximum(by_motor, 1e-300)[:, None]
-    best, share = int(np.argmax(value * score)), shares.max(axis=0)
-    rest = (left[:, best] * (e - value[best] * left[:, best])).reshape(len(weight), -1).sum(axis=0)
-    block = max(1, round(BLOCK_S / step))
-    sums = np.array([rest[k : k + block].sum() for k in range(0, len(rest), block)])
-    sd = float(np.sqrt(sums @ sums) / max(size[best], 1e-300))
-    if not (share[best] >= SHARE and abs(value[best]) > SURE * sd):
-        return None
-    what, nominal = names[best]
-    return Mistake(what, nominal + float(value[best]), float(share[best]))
+    shares = better.reshape(len(weight), -1, Z.shape[1]).sum(axis=1) / np.maximum(by_motor, 1e-300)[:, None]
+    return _Scores(left, size, value, value * score, shares, e, max(1, block))
+
+
+def _fade_columns(whole: Columns, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Fades and columns (n, n_m, candidates) of friction that falls with speed, of each motor at several speeds."""
+    low = None if np.isinf(limit) else LowPass(whole.step, limit)
+    speed = np.maximum(whole.largest_speeds(), 1e-12)
+    fades = np.concatenate([1.0 / (part * speed) for part in SPEEDS])
+    rows = []
+    for part in SPEEDS:
+        one = [level[:, :, None] * np.eye(len(speed)) for level, _ in whole.fade_columns(1.0 / (part * speed))]
+        rows.append(np.concatenate([x if low is None else low(x) for x in one]))
+    return fades, np.concatenate(rows, axis=2)
 
 
 def _candidates(

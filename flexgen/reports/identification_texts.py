@@ -148,9 +148,11 @@ def text_of_rigid(found: RigidIdentification) -> str:
     fit, numbers, sd = found.fit, found.numbers, found.deviations
 
     def both(name: str) -> str:
-        return f"{number(numbers[name])} +- {sd[name]:.2g}" if name in sd else number(numbers[name])
+        return f"{number(numbers[name])} +- {sd[name]:.2g}" if name in sd else number(numbers.get(name, 0.0))
 
     kinds = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m"}
+    if fit.fades.any():
+        kinds |= {"stribeck": "N m", "alpha": "s/rad"}
     rows: list[list[Any]] = []
     for j, motor in enumerate(fit.model.motors):
         cells: list[Any] = [motor.name, *(both(f"{motor.name}.{kind}") for kind in kinds)]

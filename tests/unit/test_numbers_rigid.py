@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
 import flexgen
+from flexgen.analysis import rigid_model
 from flexgen.analysis.rigid_columns import COULOMB_SPEED, MOVING, Columns
 from flexgen.analysis.rigid_regressor import Motion, Regressor
 from flexgen.errors import ArgumentError
@@ -125,7 +126,7 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions() -> None:
         assert motor.friction.coulomb == coulomb == pytest.approx([0.5, 0.8][j], rel=0.05)
         assert motor.friction.beta == pytest.approx(1 / (COULOMB_SPEED * abs(eta[j])))
         assert motor.inertia == pytest.approx(model.motors[j].inertia + rotor / abs(eta[j]))
-    negative = rigid_body._motors(model, np.array([[-1.0, -1.0, 0.5, -1e9]] * 2))
+    negative = rigid_model._motors(model, np.array([[-1.0, -1.0, 0.5, -1e9]] * 2), np.zeros(2))
     for motor, old in zip(negative, model.motors, strict=True):
         assert motor.inertia == old.inertia
         assert vars(motor.friction) | {"offset": 0.0} == vars(type(motor.friction)()) | {"offset": 0.0}
@@ -147,7 +148,7 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions() -> None:
     information = np.r_[prior.sd**-2.0, np.zeros(8), prior.lags_sd**-2.0]
     sd = np.array([0.1, 0.3])
     expected = dense_covariance(X, error, 1 / (sd * np.sqrt(50)), information, 125)
-    terms, weights = rigid_body._terms(columns, prior)
+    terms, weights = columns.by_motor(), prior.information(2 * columns.F[0].shape[2])
     assert_allclose(weights, information)
     made = residual_statistics.covariance(terms, error, 1 / (sd * np.sqrt(columns.correlated)), weights, 125)
     size = np.sqrt(np.diag(expected))
@@ -189,6 +190,7 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
         None,
         RigidStatus.FITTED,
         np.zeros(3),
+        np.zeros(2),
         5.0,
     )
     assert_allclose(fit.lags_sd, np.sqrt(np.diag(covariance))[-3:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from flexgen.identification.recordings.rigid_body import RigidFit, identify_rigi
 from flexgen.identification.recordings.rigid_file import RigidIdentification
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.low_pass import LowPass, bandwidth
+
+ROOT = Path(__file__).resolve().parents[2]
 
 H = 4e-3
 N = 2500  # samples of a period of 10 s
@@ -98,6 +101,45 @@ def test_long_delays_are_found_or_refused(late: float, status: RigidStatus) -> N
     assert found.status == status
     if status == RigidStatus.NOT_CHECKED:
         assert found.lags[2] == pytest.approx(late, abs=1e-3)
+
+
+@pytest.mark.parametrize("motors", [[1], pytest.param([0, 1], marks=SLOW)])
+def test_friction_that_falls_with_speed_is_found(motors: list[int], tmp_path: Path) -> None:
+    """Numbers within four deviations, also from the new model file; without it nothing of the kind is found."""
+    model, plain = soft(), recorded(noise=0.02)
+    size, alpha = np.array([0.3, 0.4]) * [k in motors for k in (0, 1)], np.array([1 / 25.0, 1 / 40.0])
+    w = derivative(plain.q, 1) @ model.eta.T
+    more = size / np.cosh(alpha * w) * np.tanh(w / np.abs(np.diag(model.eta)) / 5e-4)
+    motion = replace(plain, tau_m=plain.tau_m + more)
+    found = identify_rigid(model, [motion], parts=2)
+    assert found.status == RigidStatus.FITTED and found.mistake is None
+    assert np.flatnonzero(found.fades).tolist() == motors
+    answer = RigidIdentification(found, {}, {}, "")
+    answer.write(tmp_path / "found.toml")
+    assert "stribeck, N m" in answer.to_text() and "alpha, s/rad" in answer.to_text()
+    true = {"viscous": VISCOUS, "coulomb": COULOMB, "offset": OFFSET, "stribeck": size, "alpha": alpha}
+    written = flexgen.read(tmp_path / "found.toml").motors
+    for j in motors:
+        for name, value in true.items():
+            key = f"{written[j].name}.{name}"
+            assert abs(answer.numbers[key] - value[j]) < 4 * answer.deviations[key] < 0.2 * abs(value[j]) + 0.15
+            assert getattr(written[j].friction, name) == pytest.approx(answer.numbers[key], rel=1e-5)
+    assert (found.relative_errors(motion) < 0.003).all()
+    gear = found.gear_torques(motion) - identify_rigid(model, [plain], parts=0).gear_torques(plain)
+    assert np.abs(gear[50:-50]).max() < 0.1 * (size * np.abs(np.diag(model.eta))).max()
+    assert not identify_rigid(model, [plain], parts=0).fades.any()
+
+
+def test_a_new_file_keeps_no_friction_that_the_fit_did_not_find(tmp_path: Path) -> None:
+    """Friction that falls with speed in the old file, and none in the recording."""
+    law = "\nfriction = { coulomb = 0.1, beta = 10.0, stribeck = 0.2, alpha = 0.04 }\n"
+    text = (ROOT / "models" / "elbow.toml").read_text()
+    (tmp_path / "old.toml").write_text(text.replace("[[motor]]", f"[[motor]]{law}"))
+    RigidIdentification(identify_rigid(flexgen.read(tmp_path / "old.toml"), [recorded()], parts=0), {}, {}, "").write(
+        tmp_path / "new.toml"
+    )
+    for motor, coulomb in zip(flexgen.read(tmp_path / "new.toml").motors, COULOMB, strict=True):
+        assert motor.friction.stribeck == 0.0 and motor.friction.coulomb == pytest.approx(coulomb, rel=0.05)
 
 
 def other_gravity(model: RobotModel, motion: Motion) -> Motion:

@@ -22,16 +22,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexgen.analysis.counterbalances import fitted_balances
 from flexgen.analysis.feasible_bodies import Feasible, scales
 from flexgen.analysis.feasible_motors import is_possible
-from flexgen.analysis.rigid_columns import BLOCK_S, COULOMB_SPEED, Columns, band_of
-from flexgen.analysis.rigid_mistakes import Mistake, find_mistake
+from flexgen.analysis.rigid_columns import BLOCK_S, Columns, band_of
+from flexgen.analysis.rigid_mistakes import Mistake, find_causes
+from flexgen.analysis.rigid_model import rigid_model
 from flexgen.analysis.rigid_regressor import Motion, Regressor
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings import rigid_accuracy
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
-from flexgen.model.elements import Body, Friction, Motor, RobotModel
+from flexgen.model.elements import RobotModel
 from flexgen.model.format_robot import HARMONICS
 from flexgen.model.reader import read
 from flexgen.numerics.residual_statistics import covariance, parts_of, rms
@@ -41,6 +41,7 @@ PRIOR = 1.0  # relative deviation of the bodies of the model file
 LARGEST = 0.01  # rad or m: deviation of a deflection that the file does not have, under the torques of the motion
 LATE_S = 3e-3  # deviation of the delay of the torques, at least; a sample where that is more
 ROUNDS, MOST = 4, 25  # of fits with deviations from the residuals of the last one, at least and at most
+FADES_SETTLED = 1e-3  # relative change
 SETTLED_S, SETTLED_SD = 3e-6, 0.2  # change of the delay [s], and over its deviation: no more rounds are needed
 PARTS, PARTS_MOST = 4, 100  # parts of each recording that are left out in turn
 
@@ -60,6 +61,10 @@ class _Prior(NamedTuple):
     sd: np.ndarray
     lags_sd: np.ndarray
 
+    def information(self, frictions: int) -> np.ndarray:
+        """Of the bodies, of so many frictions, which have none, and of the lags."""
+        return np.concatenate([self.sd**-2.0, np.zeros(frictions), self.lags_sd**-2.0])
+
 
 @dataclass(frozen=True, eq=False)
 class RigidFit:
@@ -67,12 +72,14 @@ class RigidFit:
 
     ``model``: with the new bodies, rotors, frictions and counterbalance; ``file``: the model before; ``pi``
     (10 bodies,); ``friction`` (n_m, columns): coefficients of each motor, motor side: viscous [N m s/rad of the joint],
-    Coulomb and constant [N m], rotor [N m s^2/rad of the joint], then those of the counterbalance [N m]; ``sd`` (n_m,)
+    Coulomb and constant [N m], rotor [N m s^2/rad of the joint], then those of the counterbalance [N m], and,
+    where ``fades`` has one, friction at rest that falls with speed [N m] and a change of its fade; ``sd`` (n_m,)
     [N m]: deviation of the torques from the model; ``covariance``: of ``pi``, then of ``friction`` row by row, then of
     ``lags``; ``left_out`` (n_m,): errors on parts of the recordings that were left out of the fit, as
     `relative_errors`; None: not computed; ``status``: from these; ``lags`` (n_g + 1,): compliances of the gears that
-    the file does not have [rad/(N m) or m/N, arm side], and the delay of the torques [s]; ``limit_hz``: all torques are
-    compared below it; ``mistake``: what explains a large part of the errors.
+    the file does not have [rad/(N m) or m/N, arm side], and the delay of the torques [s]; ``fades`` (n_m,) [s/rad
+    or s/m, of the joint]: of friction that falls with speed as sigma / cosh(fade v), 0: none; ``limit_hz``: all torques
+    are compared below it; ``mistake``: what explains a large part of the errors.
     """
 
     model: RobotModel
@@ -86,6 +93,7 @@ class RigidFit:
     left_out: np.ndarray | None
     status: RigidStatus
     lags: np.ndarray
+    fades: np.ndarray
     limit_hz: float
     mistake: Mistake | None = None
 
@@ -115,6 +123,7 @@ class RigidFit:
     def _columns(self, motions: Sequence[Motion], limit: float = np.inf) -> Columns:
         """The terms along motions whose links bend under the torques of this fit, of all samples."""
         columns = Columns(Regressor(self.file), motions, self.counterbalance, limit)
+        columns = columns.with_fades(self.fades, self.friction[:, -2])
         return columns.bent(self.pi, self.friction, self.lags, self.limit_hz)
 
     def _errors(self, motions: Sequence[Motion]) -> tuple[np.ndarray, np.ndarray]:
@@ -129,7 +138,7 @@ class RigidFit:
     def gear_torques(self, motion: Motion) -> np.ndarray:
         """Torques through the gears (n, n_g), arm side: those of the motors less friction and rotors."""
         columns = self._columns([motion])
-        friction = np.einsum("njc,jc->nj", columns.F[0][:, :, :4], self.friction[:, :4])  # a counterbalance is a load
+        friction = columns.of_motors(0, self.friction)  # a counterbalance is a load
         out: np.ndarray = (columns.measured[0] - columns.known[0] - friction) @ self.file.eta
         return out
 
@@ -177,38 +186,35 @@ def identify_rigid(
     extra = dict(counterbalance or {})
     _check(robot, motions, extra, prior, parts)
     limit, file = band_of(regressor, motions), regressor.of_model()
-    whole = flat = Columns(regressor, motions, extra, limit)
-    load = np.sqrt(np.mean((np.vstack(whole.measured) @ robot.eta) ** 2, axis=0))
+    flat = Columns(regressor, motions, extra, limit)
+    load = np.sqrt(np.mean((np.vstack(flat.measured) @ robot.eta) ** 2, axis=0))
     lags_sd = np.append(LARGEST / np.maximum(load, 1e-12), max(LATE_S, motions[0].step))
     weak = _Prior(file, prior * scales(file), lags_sd)
-    at = _Numbers(file, np.zeros((robot.n_m, whole.F[0].shape[2])), np.zeros(robot.n_g + 1))
-    columns = whole.below(limit)
-    sd = np.maximum(np.std(np.vstack(columns.measured), axis=0), 1e-12)
-    change = np.inf
-    for k in range(MOST):  # the weights follow the errors, the links the torques, and the torques the delay
-        before, at = at, _fit_bodies(columns, weak, at, sd)
+    at = _Numbers(file, np.zeros((robot.n_m, flat.F[0].shape[2])), np.zeros(robot.n_g + 1))
+    mistake, sd = None, np.maximum(np.std(np.vstack(flat.below(limit).measured), axis=0), 1e-12)
+    for _ in range(1 + robot.n_m):  # more only where friction falls with speed
+        flat, at, sd, change = _settle(flat, limit, weak, at, sd)
         whole = flat.bent(*at, limit)
         columns = whole.below(limit)
         error = np.vstack(columns.measured) - np.vstack(columns.torques(at.pi, at.friction))
-        sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
-        change = abs(at.lags[-1] - before.lags[-1])
-        if k + 1 >= ROUNDS and change < SETTLED_S:
+        error_rms, scale = columns.errors(at.pi, at.friction)
+        terms, information = columns.by_motor(), weak.information(at.friction.size)
+        weight, n, m = 1.0 / (sd * np.sqrt(columns.correlated)), len(file), len(file) + at.friction.size
+        found = covariance(terms, error, weight, information, max(1, round(BLOCK_S / columns.step)))
+        if not (error_rms > rigid_accuracy.NOTICED * scale).any():
             break
-    error_rms, scale = columns.errors(at.pi, at.friction)
+        mistake, more = find_causes(whole, limit, at[:2], terms, error, weight, information)
+        if not more.any():
+            break
+        flat, at = _with_fades(flat, flat.fades + more, at)
     there = None if parts == 0 else _leave_out(columns, weak, at, sd, parts)
     status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
-    terms, information = _terms(columns, weak)
-    weight, n, m = 1.0 / (sd * np.sqrt(columns.correlated)), len(file), len(file) + at.friction.size
-    found = covariance(terms, error, weight, information, max(1, round(BLOCK_S / columns.step)))
-    mistake = None
-    if (error_rms > rigid_accuracy.NOTICED * scale).any():
-        mistake = find_mistake(whole, limit, at[:2], terms, error, weight, information)
     possible = is_possible(robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale)
     settled = change < max(SETTLED_S, SETTLED_SD * np.sqrt(found[-1, -1]))
     if mistake is not None or not settled or not possible:
         status = RigidStatus.MODEL_ERROR
     return RigidFit(
-        model=_model_of(robot, regressor.bodies(at.pi), extra, at.friction),
+        model=rigid_model(robot, regressor.bodies(at.pi), extra, at.friction, flat.fades),
         file=robot,
         pi=at.pi,
         friction=at.friction,
@@ -219,9 +225,43 @@ def identify_rigid(
         left_out=None if there is None else there / scale,
         status=status,
         lags=at.lags,
+        fades=flat.fades,
         limit_hz=limit,
         mistake=mistake,
     )
+
+
+def _settle(
+    flat: Columns, limit: float, prior: _Prior, at: _Numbers, sd: np.ndarray
+) -> tuple[Columns, _Numbers, np.ndarray, float]:
+    """The numbers where the weights follow the errors, the links the torques, the torques the delay, and fades theirs.
+
+    Returns the columns before gears deflect, the numbers, the deviations of the torques, and the last change of the
+    delay [s].
+    """
+    columns = (flat.bent(*at, limit) if at.friction.any() else flat).below(limit)
+    for k in range(MOST):
+        before, at = at, _fit_bodies(columns, prior, at, sd)
+        new = flat.fades
+        if new.any():
+            new = np.clip(new + at.friction[:, -1], new / 2, 2 * new)
+        still = np.abs(new - flat.fades).max(initial=0.0) <= FADES_SETTLED * new.max(initial=0.0)
+        flat, at = _with_fades(flat, new, at)
+        columns = flat.bent(*at, limit).below(limit)
+        error = np.vstack(columns.measured) - np.vstack(columns.torques(at.pi, at.friction))
+        sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
+        change = abs(at.lags[-1] - before.lags[-1])
+        if k + 1 >= ROUNDS and change < SETTLED_S and still:
+            break
+    return flat, at, sd, change
+
+
+def _with_fades(flat: Columns, fades: np.ndarray, at: _Numbers) -> tuple[Columns, _Numbers]:
+    """Columns and numbers with these fades of friction that falls with speed."""
+    if not fades.any():
+        return flat, at
+    kept = at.friction[:, :-1] if flat.fades.any() else np.pad(at.friction, ((0, 0), (0, 1)))
+    return flat.with_fades(fades, kept[:, -1]), at._replace(friction=np.pad(kept, ((0, 0), (0, 1))))
 
 
 def _check(
@@ -270,47 +310,6 @@ def _leave_out(columns: Columns, prior: _Prior, at: _Numbers, sd: np.ndarray, pa
         error.append(here.measured[0] - here.torques(found.pi, found.friction)[0] - late)
         moving.append(here.moving[0])
     return rms(np.vstack(error), np.vstack(moving))
-
-
-def _terms(columns: Columns, prior: _Prior) -> tuple[list[np.ndarray], np.ndarray]:
-    """Terms (n, numbers) of each motor: bodies, frictions of all motors, lags; and the information of their priors."""
-    Y, F, Z = (np.concatenate(x) for x in (columns.Y, columns.F, columns.Z))
-    n, motors, count = F.shape
-    X = []
-    for j in range(motors):
-        friction = np.zeros((n, motors * count))
-        friction[:, j * count : (j + 1) * count] = F[:, j]
-        X.append(np.hstack([Y[:, j], friction, Z[:, j]]))
-    return X, np.concatenate([prior.sd**-2.0, np.zeros(motors * count), prior.lags_sd**-2.0])
-
-
-def _model_of(
-    robot: RobotModel, bodies: Sequence[Body], counterbalance: Mapping[str, int], friction: np.ndarray
-) -> RobotModel:
-    """The model with what was found; the payload is in the last body."""
-    balances = fitted_balances(robot, counterbalance, friction)
-    elements = tuple(
-        replace(e, body=body, dofs=tuple(replace(dof, counterbalance=balances[dof.name]) for dof in e.dofs))
-        for e, body in zip(robot.elements, bodies, strict=True)
-    )
-    return replace(robot, elements=elements, payload=Body(), motors=_motors(robot, friction))
-
-
-def _motors(model: RobotModel, friction: np.ndarray) -> tuple[Motor, ...]:
-    """The motors with the friction and the inertia that were found; a number below zero is not a valid result."""
-    out = []
-    for j, motor in enumerate(model.motors):
-        ratio = float(np.abs(model.eta[j]).max())
-        viscous, coulomb, offset, rotor = friction[j, :4].tolist()
-        law = Friction(
-            viscous=max(viscous / ratio, 0.0),
-            coulomb=max(coulomb, 0.0),
-            beta=1.0 / (COULOMB_SPEED * ratio) if coulomb > 0 else 0.0,
-            offset=offset,
-        )
-        inertia = motor.inertia + rotor / ratio
-        out.append(replace(motor, friction=law, inertia=inertia if inertia > 0 else motor.inertia))
-    return tuple(out)
 
 
 def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray) -> _Numbers:

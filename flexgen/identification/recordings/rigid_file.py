@@ -26,6 +26,7 @@ from flexgen.results import Result
 STEP = 1e-6  # of differences
 ROUNDING = 1e-15  # kg, m, kg m^2: smaller numbers are rounding errors, and a model file has none below 1e-18
 FRICTION = ("viscous", "coulomb", "beta", "offset")
+FALLING = ("stribeck", "alpha")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,6 +149,9 @@ def rigid_numbers(fit: RigidFit) -> dict[str, float]:
     model, out = fit.model, {}
     names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
     names += [f"{motor.name}.{name}" for motor in model.motors for name in (*FRICTION, "inertia")]
+    for motor, before in zip(model.motors, fit.file.motors, strict=True):
+        if motor.friction.stribeck or before.friction.stribeck:
+            names += [f"{motor.name}.{name}" for name in FALLING]
     names += list(_balance_places(fit))
     for parameter in select(model, names):
         out[parameter.name] = parameter.value if abs(parameter.value) > ROUNDING else 0.0
@@ -186,13 +190,11 @@ def rigid_deviations(fit: RigidFit) -> dict[str, float]:
     sd = np.sqrt(np.diag(fit.covariance)[n : n + fit.friction.size]).reshape(fit.friction.shape)
     for j, motor in enumerate(model.motors):
         ratio = float(np.abs(model.eta[j]).max())
-        numbers = (
-            ("viscous", sd[j, 0] / ratio),
-            ("coulomb", sd[j, 1]),
-            ("offset", sd[j, 2]),
-            ("inertia", sd[j, 3] / ratio),
-        )
-        out |= {f"{motor.name}.{name}": float(x) for name, x in numbers}
+        columns, names = [0, 1, 2, 3], ["viscous", "coulomb", "offset", "inertia"]
+        if motor.friction.stribeck:
+            columns, names = [*columns, -2, -1], [*names, *FALLING]
+        size = [ratio, 1.0, 1.0, ratio, 1.0, ratio][: len(names)]
+        out |= {f"{motor.name}.{name}": float(x) for name, x in zip(names, sd[j, columns] / size, strict=True)}
     names = [model.coordinates[i].name for i in model.i_g]
     for name, (j, column) in _balance_places(fit).items():
         ratio = float(abs(model.eta[j, names.index(name.partition(".")[0])]))
