@@ -1,0 +1,130 @@
+"""The search for a load, with torques that are linear in its mass, its first moment and a delay: a linear fit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace as Made
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from flexgen.errors import SolverError
+from flexgen.performance import payload
+
+SAMPLES, KEPT = 80, slice(10, -10)
+
+
+def estimate(
+    monkeypatch: pytest.MonkeyPatch, true: list[float], noise: float = 0.01, shown: int = 4, own: float = 2.0
+) -> Any:
+    """Two motors; the payload of the file has a mass of ``own``, the torques are those of ``true`` and a delay."""
+    rng = np.random.default_rng(8)
+    made: Any = object.__new__(payload._Estimate)
+    made.robot = Made(n_a=3, i_g=(0, 2), name="arm")
+    made.of_file = np.array([7.0, own, 0.1, -0.05, 0.2])
+    made.kept, made.h, made.effective = KEPT, 0.01, 30.0
+    made.slopes = rng.normal(size=(SAMPLES, 3, 4)) * [1, 2, 3, 4]
+    made.slopes[:, :, shown:] = 0.0
+    made.friction, made.late = rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 2))
+    mass, com, delay = true[0], np.array(true[1:4]), true[4]
+    load = made.slopes[:, [0, 2]] @ np.array([mass, *(mass * com)])
+    made.tau_g = load - delay * made.late + noise * rng.normal(size=(SAMPLES, 2))
+    made.tau_g[:9] = 1e3  # spoiled by the low pass
+    made.nominal = Made(function=lambda name: made.friction[None] if name == "arm_forces" else None)
+    monkeypatch.setattr(payload, "evaluate", lambda friction, q, v: [friction])
+    monkeypatch.setattr(payload._Estimate, "motion", lambda self, values: (None, None, None))
+    monkeypatch.setattr(payload._Estimate, "_low_pass", lambda self, x: x)
+    monkeypatch.setattr(payload._Estimate, "forces", forces)
+    return made
+
+
+def forces(self: Any, q: Any, v: Any, a: Any, values: np.ndarray) -> np.ndarray:
+    return np.asarray(self.slopes @ np.array([values[0], *(values[0] * values[1:])]) + self.friction)
+
+
+def linear_fit(made: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers (mass, first moments, delay), residuals, scales, their covariance, and the torques over the scales."""
+    tau = made.tau_g[KEPT]
+    scale = np.abs(tau).max(axis=0)
+    rows = np.concatenate([made.slopes[KEPT][:, [0, 2]], -made.late[KEPT][:, :, None]], axis=2) / scale[:, None]
+    J, y = rows.reshape(-1, 5), (tau / scale).ravel()
+    found = np.linalg.lstsq(J, y, rcond=None)[0]
+    r = (J @ found - y).reshape(-1, 2)
+    variance = (np.mean(r**2) + 1e-8 * np.mean(y**2)) * r.size / (30.0 * 2 - 5)
+    return found, r, scale, np.linalg.inv(J.T @ J) * variance, y
+
+
+def test_a_load_is_the_linear_fit_of_its_first_moments(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Less the payload of the file; its deviations are those of the fit, to first order."""
+    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
+    load = made.solve()
+    found, r, scale, covariance, _ = linear_fit(made)
+    mass, com = found[0] - 2.0, (found[1:4] - 2.0 * np.array([0.1, -0.05, 0.2])) / (found[0] - 2.0)
+    assert load.mass == pytest.approx(mass, rel=1e-8) and load.delay_s == pytest.approx(found[4], rel=1e-8)
+    assert_allclose(load.com, com, rtol=1e-7)
+    assert load.total_mass == pytest.approx(found[0]) and abs(mass - 3.0) < 0.05
+    assert_allclose(load.total_com, found[1:4] / found[0], rtol=1e-8)
+    assert load.mass_sd == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-4)
+    slopes = np.column_stack([-com, np.eye(3)]) / mass  # of com in the mass and the first moments
+    assert_allclose(load.com_sd, np.sqrt(np.diag(slopes @ covariance[:4, :4] @ slopes.T)), rtol=1e-3)
+    assert_allclose(load.residual_Nm, np.sqrt((r**2).mean(axis=0)) * scale, rtol=1e-9)
+
+
+def test_a_load_without_mass_has_no_center(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The record is that of the payload of the file."""
+    made = estimate(monkeypatch, [2.0, 0.1, -0.05, 0.2, 0.0], noise=0.0)
+    load = made.solve()
+    assert load.mass == pytest.approx(0.0, abs=1e-9) and load.delay_s == pytest.approx(0.0, abs=1e-9)
+    assert np.isnan(load.com).all() or abs(load.mass) > 1e-9
+    assert load.mass_sd == pytest.approx(np.sqrt(linear_fit(made)[3][0, 0]), rel=1e-4)
+
+
+def test_deviations_are_those_of_blocks_where_these_are_larger(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each number by itself."""
+    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
+    left = np.diag([0.25, 0.0, 0.0, 0.0, 0.0])
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J: left)
+    load = made.solve()
+    assert load.mass_sd == 0.5
+    along = np.abs(load.com - load.total_com) / load.mass * 0.5  # of com where only the mass changes
+    alone = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J: 0 * left)
+    assert_allclose(load.com_sd, np.maximum(along, alone.solve().com_sd), rtol=1e-9)
+
+
+def test_a_load_that_the_record_does_not_show_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A direction without torques, torques that no load explains, and steps that end nowhere."""
+    with pytest.raises(SolverError, match="the motion does not determine mass and center of mass; turn the tool"):
+        estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=3).solve()
+    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], noise=4.0)
+    _, r, _, _, y = linear_fit(made)
+    part = np.linalg.norm(r) / np.linalg.norm(y)
+    assert 0.4 < part < 0.5
+    made.solve()  # less than half is left
+    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], noise=5.0)
+    _, r, _, _, y = linear_fit(made)
+    part = np.linalg.norm(r) / np.linalg.norm(y)
+    assert 0.5 < part < 0.6
+    with pytest.raises(SolverError, match=f"no load explains the record, {100 * part:.0f} % of the torques are left;"):
+        made.solve()
+    monkeypatch.setattr(payload, "STEPS", 1)
+    with pytest.raises(SolverError, match=r"no solution in 1 steps, the last changed the load by .*to the model arm\?"):
+        estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02]).solve()
+
+
+def test_centers_of_mass_stay_within_three_meters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And move by half a meter in a step, at most."""
+    seen: list[np.ndarray] = []
+    made = estimate(monkeypatch, [5.0, 3.5, -0.2, 0.1, 0.02], noise=0.0)
+
+    def recorded(self: Any, values: np.ndarray) -> Any:
+        seen.append(np.array(values))
+        return None, None, None
+
+    monkeypatch.setattr(payload._Estimate, "motion", recorded)
+    assert made.solve().total_com[0] == pytest.approx(3.0)
+    starts = [x for x in np.array(seen)[1::5]]
+    assert_allclose(seen[0], [3.0, 0.1, -0.05, 0.2])
+    assert_allclose([x[1] for x in starts[:4]], [0.1, 0.6, 1.1, 1.6], atol=1e-12)
+    assert max(x[1] for x in seen) <= 3.0 + 1.1e-4
