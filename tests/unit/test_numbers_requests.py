@@ -55,14 +55,14 @@ def test_samples_of_an_inversion_by_hand() -> None:
 
 def test_samples_of_an_inversion_have_a_largest_number() -> None:
     """900,000 with those before and behind the path: coarser ones, or a refusal where an interval has none."""
-    n, period, inside, before, after = sampling.grid(problem(step=1e-6), 0.01)
-    assert (n, period, inside, before, after) == (514286, 1 / 514285, 5143, 257143, 128572)
-    assert sampling.grid(problem(step=1.75 / 900_000), 0.01)[0] == 514286
-    long = Made(duration=1.0, segments=(1,))
-    told = "mesh: given 1.9e-06 s, which makes 9.21e+05 intervals over 1.75 s, expected at most 900000; take a coarser"
+    long = Made(duration=2.0, segments=(1,))
+    n, period, inside, before, after = sampling.grid(problem(path=long, step=1e-6), 0.01)
+    assert (n, period, inside, before, after) == (654546, 2 / 654545, 3273, 163637, 81819)
     with pytest.raises(ArgumentError, match="mesh: given") as refused:
-        sampling.grid(problem(path=long, mesh=1, step=1.9e-6), 1.9e-6)
+        sampling.grid(problem(path=long, mesh=1, step=3e-6), 3e-6)
+    told = "mesh: given 3e-06 s, which makes 9.17e+05 intervals over 2.75 s, expected at most 900000; take a coarser"
     assert str(refused.value).startswith(told)
+    assert sampling.grid(problem(path=long, mesh=1, step=3.1e-6), 3.1e-6)[0] == 645163  # below the number
 
 
 def test_a_residual_is_small_up_to_the_bound_of_the_method() -> None:
