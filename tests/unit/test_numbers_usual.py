@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexgen.plausibility import numbers
+from flexgen.errors import SolverError
+from flexgen.plausibility import moves, numbers
 from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, Usual, make_finding
 
 
@@ -210,3 +211,53 @@ def test_overdamped_modes_are_listed() -> None:
     many = numbers.report_overdamped(-np.arange(10.0, 17.0), 6.0).value
     assert many == "-10, -11, -12, -13, -14, -15, ... 1/s"
     assert numbers.report_overdamped(-np.arange(10.0, 16.0), 6.0).value == "-10, -11, -12, -13, -14, -15 1/s"
+
+
+def test_ranges_and_speeds_of_moves_by_hand() -> None:
+    """Each joint beyond a limit is named; the fastest joint of each unit; motors beyond their limits."""
+    first = Made(name="q1", unit="rad", dof=Made(lower=-1.0, upper=2.0, speed_max=3.0))
+    second = Made(name="q2", unit="m", dof=Made(lower=None, upper=0.5, speed_max=None))
+    motors = [Made(name="m1", speed_max=300.0), Made(name="m2", speed_max=None)]
+    robot: Any = Made(i_g=(0, 1), coordinates=[first, second], motors=motors, eta=np.array([[100.0, 0.0], [0.0, -1e3]]))
+    inside = np.array([[-1.0 - 1e-10, 0.0], [2.0 + 1e-10, 0.5]])
+    assert moves._range(robot, "move.a", inside) == Finding(
+        OK, "move.a", "range of the joints", "within the limits", "within the limits"
+    )
+    found = moves._range(robot, "move.a", np.array([[-1.5, -9.0], [2.5, 0.75]]))
+    assert (found.mark, found.distance) == (ERROR, 1.0)
+    assert found.value == (
+        "q1 reaches -1.5 rad, limit -1 rad; q1 reaches 2.5 rad, limit 2 rad; q2 reaches 0.75 m, limit 0.5 m"
+    )
+    rates = np.array([[1.0, 20.0], [-3.0, 5.0], [2.0, 0.0]])
+    assert shown(moves._speeds(robot, "move.a", rates)) == [
+        (OK, "3 rad/s", "at most 50 rad/s"),
+        (UNUSUAL, "20 m/s", "at most 10 m/s"),
+    ]
+    *_, beyond = moves._speeds(robot, "move.a", 1.5 * rates)
+    assert beyond.value == "q1 4.5 rad/s, limit 3; m1 450 rad/s, limit 300" and beyond.distance == 0.5
+    assert beyond.advice.startswith("speed_max (rad/s, not rpm); duration of the move in s")
+    robot.i_g, robot.eta = (0,), np.array([[100.0]])
+    robot.motors = motors[:1]
+    assert [one.value for one in moves._speeds(robot, "move.a", rates[:, :1])] == ["3 rad/s"]
+
+
+def test_moves_that_have_no_path_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs too; where more joints than outputs move, ranges are not checked."""
+    a, b, c = Made(name="a"), Made(name="b"), Made(name="c")
+    equations: Any = Made(model=Made(moves=(a, b), programs=(c,)))
+
+    def joints(equations: Any, move: Any) -> Any:
+        if move is a:
+            raise SolverError("out of reach")
+        return None if move is b else ("angles", "speeds")
+
+    monkeypatch.setattr(moves, "_joints", joints)
+    monkeypatch.setattr(moves, "_range", lambda robot, key, q_g: (key, q_g))
+    monkeypatch.setattr(moves, "_speeds", lambda robot, key, v_g: [(key, v_g)])
+    advice = "start, displacement or end of the move; lengths of the arm in m"
+    assert list(moves.moves(equations)) == [
+        Finding(ERROR, "move.a", "path of the arm without deflections", "out of reach", "a path", advice, 99.0),
+        Finding(OK, "move.b", "range of the joints", "not checked: more joints than outputs", "-"),
+        ("program.c", "angles"),
+        ("program.c", "speeds"),
+    ]
