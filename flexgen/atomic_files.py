@@ -125,8 +125,8 @@ def follow_links(path: str | Path) -> Path:
     Raises
     ------
     ArgumentError
-        A link on the way is that of another user in such a folder, the links lead nowhere, or the path has thousands of
-        parts or a name that is too long.
+        A link on the way is that of another user in such a folder, the links lead nowhere, or the path has more than
+        `PARTS` parts or a name that is too long.
     """
     if os.name != "posix":
         return Path(os.path.realpath(path))
