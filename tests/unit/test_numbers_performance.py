@@ -74,6 +74,7 @@ def test_a_known_load_is_identified() -> None:
     assert_allclose(numbers, measured, rtol=1e-4)  # no other route: as measured when this test was written
 
 
+@pytest.mark.slow  # the quick one is a linear fit, see test_numbers_load
 def test_the_mass_of_a_load_is_part_of_the_deviation_of_its_place() -> None:
     """1 kg far from the 15 kg of the file: the place follows from the total one by the mass, known to a tenth."""
     load, own, found = np.array([0.6, -0.3, 0.5]), np.array([0.1, 0.25, 0.1]), []
