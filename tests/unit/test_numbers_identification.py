@@ -71,6 +71,7 @@ def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
     }
     start = {"q1.stiffness": 1.2 * values["q1.stiffness"]}
     found = fit_motion(truth, path, free=["q1.stiffness"], segment_s=0.02, start=start)
+    assert 0 < found.wall_s < 600
     assert springs(found.model)["q1.stiffness"] == pytest.approx(values["q1.stiffness"], rel=1e-3)
     figures = found.to_dict()
     del figures["parameters"][0]["sd"]  # without noise it is that of rounding
