@@ -2,14 +2,15 @@
 
 The torques of the gears follow from the motors, those that the robot needs from its equations with a load (m, c):
 
-    eta' (tau_m + d tau_m' - J_m a_m - f(v_m)) = [M(q_a; m, c) a_a + c + g]_g,    all low-passed forwards and backwards
+    eta' (tau_m + d tau_m' - J_m a_m - f(v_m; s)) = [M(q_a; m, c) a_a + c + g]_g,    all low-passed both ways
 
 The motion is low-passed at a higher frequency first: squares of smoothed speeds are not what is smoothed of squares.
-d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. Gears and
+d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. s: the
+friction of each motor changes with temperature, f = (1 + s_1) f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Gears and
 links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the forces of
-the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c, d). Standard deviations are
-the larger ones of two: of residuals whose correlation in time is that of the low pass, at least `LEAST_ERROR` of the
-torques, and of what leaving out half a second of the record changes, since errors of the model last longer.
+the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c, d, s). Standard deviations
+are the larger ones of two: of residuals whose correlation in time is that of the low pass, at least `LEAST_ERROR` of
+the torques, and of what leaving out half a second of the record changes, since errors of the model last longer.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
@@ -47,8 +48,10 @@ FEWEST = 200  # samples
 FARTHEST = 3.0  # m, center of mass
 AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
+FRICTION_SD = 0.3  # relative, of each motor
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
 BLOCK_S, FEWEST_BLOCKS = 0.5, 6  # of a record, each left out once; fewer tell too little about five numbers
+LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 
 
 @checked_result
@@ -58,7 +61,8 @@ class Load(Result):
 
     The load is taken for a point mass. ``total_mass``, ``total_com``: of the load and the payload of the model file
     together. ``residual_Nm``: root mean square of the residual gear torques (n_g,), arm side. ``delay_s``: time by
-    which torques were recorded late [s].
+    which torques were recorded late [s]. ``friction`` (2, n_m): viscous
+    and other friction of each motor over those of the model.
 
     Examples
     --------
@@ -75,7 +79,8 @@ class Load(Result):
     total_mass: float
     total_com: np.ndarray
     residual_Nm: np.ndarray
-    delay_s: float = 0.0
+    delay_s: float
+    friction: np.ndarray
 
     __repr__ = short_repr
 
@@ -165,12 +170,18 @@ class _Estimate:
         self.names = (*turned, "payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
         self.equations: Equations = derive(without_hysteresis(robot), self.names)
         self.of_file = np.array([p.value for p in self.equations.parameters])
-        friction = evaluate(self.equations.function("motor_friction"), v_m)[0]  # of noise it would have a mean
+        friction, faster = (  # of noise it would have a mean
+            evaluate(self.equations.function("motor_friction"), x)[0].reshape(q_m.shape) for x in (v_m, 1.01 * v_m)
+        )
         inertia = np.array([m.inertia for m in robot.motors])
-        needed = self._smooth(record["tau_m"] - friction.reshape(q_m.shape)) - inertia * a_m
+        needed = self._smooth(record["tau_m"] - friction) - inertia * a_m
         tau_g = needed @ robot.eta
         self.tau_g = self._low_pass(tau_g)
+        largest = np.abs(self.tau_g[self.kept]).max(axis=0)
+        self.scale = np.maximum(largest, 1e-3 * largest.max())
         self.late = self._low_pass(np.gradient(self._smooth(record["tau_m"]), h, axis=0) @ robot.eta)
+        parts = np.hstack([friction, (faster - friction) / 0.01])  # the second has viscous friction alone
+        self.friction = self._low_pass(self._smooth(parts)[:, :, None] * np.vstack([robot.eta, robot.eta]))
         self.to_arm = np.linalg.inv(robot.eta).T
         self.q_m = self._smooth(q_m)
         self.nominal = derive(robot)
@@ -228,30 +239,33 @@ class _Estimate:
         return own * mass * load / values[0]
 
     def solve(self) -> Load:
-        """Gauss-Newton in mass and center of mass of the whole payload, and the delay of the torques."""
+        """Gauss-Newton in mass and center of mass of the whole payload, the delay of the torques, and the frictions."""
         start = self.of_file[-4:]
-        x = np.concatenate([[start[0] + 1.0], start[1:], [0.0]])
-        scale = np.abs(self.tau_g[self.kept]).max(axis=0)
-        scale = np.maximum(scale, 1e-3 * scale.max())
+        count = LOAD + self.friction.shape[1]
+        x = np.concatenate([[start[0] + 1.0], start[1:], np.zeros(count - 4)])
+        prior = np.concatenate([np.zeros(LOAD), np.full(count - LOAD, FRICTION_SD**-2.0)])
+        scale = self.scale
         friction = evaluate(self.nominal.function("arm_forces"), *self.motion(x[:4])[:2])[0].reshape(-1, self.robot.n_a)
 
         def residual(x: np.ndarray) -> np.ndarray:
             tau = self._low_pass(self.forces(*self.motion(x[:4]), x[:4]) - friction)
-            needed = (self.tau_g + x[4] * self.late)[self.kept]
+            needed = (self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:]))[self.kept]
             return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - needed) / scale)
 
         for _ in range(STEPS):
             r = residual(x)
             columns = []
             for k, size in enumerate((1e-3, 1e-4, 1e-4, 1e-4)):
-                columns.append((residual(x + size * (np.arange(5) == k)) - r).ravel() / size)
+                columns.append((residual(x + size * (np.arange(count) == k)) - r).ravel() / size)
             columns.append((-self.late[self.kept] / scale).ravel())
+            columns += [(f[self.kept] / scale).ravel() for f in self.friction.transpose(1, 0, 2)]
             J = np.stack(columns, axis=1)
-            if np.linalg.cond(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)) > 1e6:
+            if np.linalg.cond(J[:, :LOAD] / np.maximum(np.linalg.norm(J[:, :LOAD], axis=0), 1e-300)) > 1e6:
                 raise SolverError(
                     "load: the motion does not determine mass and center of mass; turn the tool in the motion"
                 )
-            step = np.linalg.lstsq(J, -r.ravel(), rcond=None)[0]
+            weight = prior * self._variance(r)
+            step = np.linalg.solve(J.T @ J + np.diag(weight), -J.T @ r.ravel() - weight * x)
             step[1:4] = np.clip(step[1:4], -0.5, 0.5)
             before = x
             x = x + step
@@ -262,10 +276,8 @@ class _Estimate:
             if change < CLOSE:
                 break
         r = residual(x)
-        tau = self.tau_g[self.kept] / scale
-        count = self.effective * r.shape[1]
-        variance = float((r**2).mean() + LEAST_ERROR**2 * (tau**2).mean()) * r.size / max(count - 5, 1.0)
-        covariances = [np.linalg.inv(J.T @ J) * variance, self._left_out(r, J)]
+        tau, weight = self.tau_g[self.kept] / scale, prior * self._variance(r)
+        covariances = [np.linalg.inv(J.T @ J + np.diag(weight)) * self._variance(r), self._left_out(r, J, weight)]
         sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
         is_nothing = max(x[0], change) < 2 * sd[0]  # steps between masses that noise hides
         if not (change < NOT_CLOSE or is_nothing):
@@ -285,10 +297,17 @@ class _Estimate:
         slopes = np.column_stack([(x[1:4] - com) / (mass or np.nan), share * np.eye(3)])  # of com in x
         com_sd = np.sqrt(np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0))
         left = np.sqrt((r**2).mean(axis=0)) * scale
-        return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), x[1:4], left, float(x[4]))
+        friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
+        return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), x[1:4], left, float(x[4]), friction)
 
-    def _left_out(self, r: np.ndarray, J: np.ndarray) -> np.ndarray:
-        """Covariance (5, 5) of what leaving out a block of the record changes (jackknife); zero for few blocks."""
+    def _variance(self, r: np.ndarray) -> float:
+        """Of an error that is independent of the others: more than that of the samples (n, n_g), which are alike."""
+        tau = self.tau_g[self.kept] / self.scale
+        count = max(self.effective * r.shape[1] - LOAD, 1.0)
+        return float((r**2).mean() + LEAST_ERROR**2 * (tau**2).mean()) * r.size / count
+
+    def _left_out(self, r: np.ndarray, J: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Covariance of what leaving out a block of the record changes (jackknife); zero for few blocks."""
         n, m = r.shape
         blocks = np.arange(0, n, max(round(BLOCK_S / self.h), 1))
         if len(blocks) < FEWEST_BLOCKS:
@@ -296,7 +315,7 @@ class _Estimate:
         Js = J.reshape(n, m, -1)
         own = np.add.reduceat(np.einsum("nmp,nmq->npq", Js, Js), blocks)
         scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, r), blocks)
-        changes = np.linalg.solve(own.sum(axis=0) - own, scores[..., None])[..., 0]
+        changes = np.linalg.solve(own.sum(axis=0) + np.diag(weight) - own, scores[..., None])[..., 0]
         return np.asarray(changes.T @ changes * (1.0 - 1.0 / len(blocks)))
 
 

@@ -26,12 +26,14 @@ def estimate(
     made.kept, made.h, made.effective = KEPT, 0.01, 30.0
     made.slopes = rng.normal(size=(SAMPLES, 3, 4)) * [1, 2, 3, 4]
     made.slopes[:, :, shown:] = 0.0
-    made.friction, made.late = rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 2))
+    made.in_arm, made.late = rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 2))
+    made.friction = np.zeros((SAMPLES, 0, 2))  # that of the motors is known
     mass, com, delay = true[0], np.array(true[1:4]), true[4]
     load = made.slopes[:, [0, 2]] @ np.array([mass, *(mass * com)])
     made.tau_g = load - delay * made.late + noise * rng.normal(size=(SAMPLES, 2))
     made.tau_g[:9] = 1e3  # spoiled by the low pass
-    made.nominal = Made(function=lambda name: made.friction[None] if name == "arm_forces" else None)
+    made.scale = np.abs(made.tau_g[KEPT]).max(axis=0)
+    made.nominal = Made(function=lambda name: made.in_arm[None] if name == "arm_forces" else None)
     monkeypatch.setattr(payload, "evaluate", lambda friction, q, v: [friction])
     monkeypatch.setattr(payload._Estimate, "motion", lambda self, values: (None, None, None))
     monkeypatch.setattr(payload._Estimate, "_low_pass", lambda self, x: x)
@@ -40,7 +42,7 @@ def estimate(
 
 
 def forces(self: Any, q: Any, v: Any, a: Any, values: np.ndarray) -> np.ndarray:
-    return np.asarray(self.slopes @ np.array([values[0], *(values[0] * values[1:])]) + self.friction)
+    return np.asarray(self.slopes @ np.array([values[0], *(values[0] * values[1:])]) + self.in_arm)
 
 
 def linear_fit(made: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -84,12 +86,12 @@ def test_deviations_are_those_of_blocks_where_these_are_larger(monkeypatch: pyte
     """Each number by itself."""
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     left = np.diag([0.25, 0.0, 0.0, 0.0, 0.0])
-    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J: left)
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: left)
     load = made.solve()
     assert load.mass_sd == 0.5
     along = np.abs(load.com - load.total_com) / load.mass * 0.5  # of com where only the mass changes
     alone = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
-    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J: 0 * left)
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: 0 * left)
     assert_allclose(load.com_sd, np.maximum(along, alone.solve().com_sd), rtol=1e-9)
 
 

@@ -196,7 +196,17 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
     assert made.vibration_m == {"as in file": 1e-3} and made.default_vibration_m == {"as in file": 2e-3}
     unit["of"] = "rad"
     assert made.vibration_m == made.default_vibration_m == {}
-    load = Load(1.5, 0.25, np.array([0.01, 0.02, -0.03]), np.array([1e-3, 2e-3, 3e-3]), 2.0, np.zeros(3), np.zeros(2))
+    load = Load(
+        1.5,
+        0.25,
+        np.array([0.01, 0.02, -0.03]),
+        np.array([1e-3, 2e-3, 3e-3]),
+        2.0,
+        np.zeros(3),
+        np.zeros(2),
+        0.0,
+        np.ones((2, 2)),
+    )
     words = (
         "load 1.500 +- 0.250 kg, center of mass 10.0 +- 1.0, 20.0 +- 2.0, -30.0 +- 3.0 mm in the frame of the last tip"
     )
