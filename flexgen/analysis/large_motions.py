@@ -85,7 +85,7 @@ class LargeMotions:
         """
         n, experiments = linear.shape[1:]
         samples = next_fast_len(OVERSAMPLING * int(lines[-1]) + 2, real=True)
-        K, M = (x[0] for x in evaluate(self._at_rest, rest[None]))
+        K, M = (x.reshape(n, n) for x in evaluate(self._at_rest, rest[None]))
         s = 1j * speed * np.arange(samples // 2 + 1)[:, None, None]
         amplitudes = np.zeros((len(s), experiments, n), complex)
         amplitudes[lines] = linear.swapaxes(1, 2)

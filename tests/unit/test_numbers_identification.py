@@ -226,3 +226,24 @@ def test_the_status_of_a_fit_in_time_follows_from_search_cost_and_size(
     found: Any = SimpleNamespace(status=FitStatus[before])
     assert time_domain._status(fit, cost, simulated, found) == FitStatus[status]
     assert FitStatus[status].agrees == (status in ("FITTED", "SMALL_ERROR"))
+
+
+def test_the_damping_of_a_robot_with_one_joint_is_found(tmp_path: Path) -> None:
+    """Within four standard deviations, which are relative, of a simulated experiment."""
+    (tmp_path / "arm.toml").write_text(
+        'name = "arm"\ndescription = "one link"\ngravity = [0.0, 0.0, -9.81]\nhome_rad = [0.5]\n'
+        '[[element]]\nname = "link"\nbody = { mass = 10.0, com = [0, 0, 0.4], inertia = [0.5, 0.5, 0.1] }\n'
+        '[[element.dof]]\nname = "q1"\ntype = "rotation"\naxis = [0, 1, 0]\ngear = { type = "rigid" }\n'
+        'friction = { type = "smooth", viscous = 60.0 }\n'
+        '[[motor]]\nname = "m1"\ndrives = "q1"\nratio = 100.0\ninertia = 1e-4\n'
+        '[output]\ntype = "joint"\njoints = ["q1"]\n'
+    )
+    model = flexgen.read(tmp_path / "arm.toml")
+    drive = flexgen.DriveHardware(1e-3, encoder_noise_rad=1e-5, torque_noise_Nm=1e-3)
+    plan = flexgen.excite(
+        model, poses=[[0.5], [1.0]], period_s=1.0, lines=10, f_min=1.0, f_max=50.0, free=["q1.viscous"], hardware=drive
+    )
+    responses = flexgen.frf(flexgen.measure(plan, model, progress=False))
+    found = flexgen.identify(model, responses, starts=1, free=["q1.viscous"], progress=False)
+    assert found.status == FitStatus.FITTED and found.sd["q1.viscous"] < 0.01
+    assert abs(np.log(found.values["q1.viscous"] / 60.0)) < 4 * found.sd["q1.viscous"]
