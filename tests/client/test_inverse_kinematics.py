@@ -92,6 +92,7 @@ def test_a_client_in_c_gets_the_bits_of_python_and_a_status_for_every_misuse(tmp
     assert last.split() == ["-5"] * 5 + ["-6", "-1", "-1", "-5", "-2", "0"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["manutec_r3", "manutec_r3_18"])
 def test_one_file_and_cpp_compile_without_a_warning(name, tmp_path):
     """The larger one also has unactuated coordinates, and with them all files of the inversion."""

@@ -142,6 +142,7 @@ def torques_by_samples(period: float, folder: Path) -> tuple[np.ndarray, flexgen
     return found.tau_m[::each], found
 
 
+@pytest.mark.slow
 def test_a_dense_sampling_leaves_no_noise_in_the_torques(tmp_path, monkeypatch):
     """The difference of two positions has too few digits for accelerations. Planted: these as for longer periods."""
     expected, _ = torques_by_samples(1e-3, tmp_path)

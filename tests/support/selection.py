@@ -126,10 +126,10 @@ OPTIMIZED_CASES = {
 }
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
-    "unit/test_numbers_amplitude.py": {"Coulomb", "cubic"},
+    "unit/test_numbers_amplitude.py": {"Coulomb", "cubic", "hysteresis-z1-1"},
     "unit/test_limits_stream.py": {
         *("load", "sums", "lugre", "joint_acceleration_max", "joint_speed_max"),
-        *("motor_speed_max", "tool_acceleration_max", "tool_speed_max"),
+        *("motor_speed_max", "tool_acceleration_max", "tool_speed_max", "elbow-hysteresis"),
     },
     "unit/test_codegen.py": {"parts1", "parts2", "parts3"},
     "client/test_docs.py": {
@@ -196,7 +196,7 @@ SLOW_CASES = {
     },
     "cross/test_cuda_kernels.py": {"elbow"},
     "cross/test_loop_hysteresis.py": {"generalized_force--1.0", "deflection_rates--1.0", "deflection_rates-0.9"},
-    "cross/test_loop_lugre.py": {"motor_force--1.0"},
+    "cross/test_loop_lugre.py": {"motor_force--1.0", "motor_speeds-0.9"},
     "cross/test_process_force.py": {"planar5_nmp", "elbow"},
     "cross/test_bvp.py": {"undamped", "zeros change", "flat", "clang", "wrong interval length", "rows swapped"},
     "cross/test_comparison.py": {"joints of both units"},
