@@ -71,8 +71,11 @@ def test_positions_to_send_are_what_the_servo_inverts(monkeypatch: pytest.Monkey
     assert_allclose(found.channels["command_m"], command, atol=1e-9)
     assert_allclose(found.channels["command_g"] @ eta.T, command, atol=1e-9)
     assert (found.channels["q"], found.ports, found.labels, found.units) == (
-        0, {"a": 1, "c": 4}, {"a": 2, "c": 5}, {"a": 3, "c": 6},
-    )  # fmt: skip
+        0,
+        {"a": 1, "c": 4},
+        {"a": 2, "c": 5},
+        {"a": 3, "c": 6},
+    )
     model.servo = None
     with pytest.raises(
         ArgumentError, match=r'given "position" for the model arm without a servo, expected a table \[se'

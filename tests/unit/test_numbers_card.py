@@ -24,8 +24,18 @@ def test_workspaces_grow_in_steps_of_at_most_an_eighth() -> None:
     found = {n: inversion.workspace_of(n) for n in range(1, 3000)}
     assert all(n <= size <= max(n, 9 * n / 8) for n, size in found.items())
     assert [found[n] for n in (1, 7, 15, 16, 17, 31, 32, 33, 63, 65, 1025)] == [
-        1, 7, 15, 16, 18, 32, 32, 36, 64, 72, 1152,
-    ]  # fmt: skip
+        1,
+        7,
+        15,
+        16,
+        18,
+        32,
+        32,
+        36,
+        64,
+        72,
+        1152,
+    ]
     assert len({size for size in found.values() if 1024 <= size < 2048}) == 8
 
 
@@ -48,9 +58,12 @@ def test_many_problems_share_what_they_do_not_have_of_their_own(own: tuple[int, 
     made._inverter = inverter
     path, parameters, start = ((7,) * each for each in own)
     given: dict[str, Any] = {
-        "y": Array(*path, 50, 4), "dy": Array(*path, 50, 3), "ddy": Array(*path, 50, 3), "q_start": Array(*start, 2),
+        "y": Array(*path, 50, 4),
+        "dy": Array(*path, 50, 3),
+        "ddy": Array(*path, 50, 3),
+        "q_start": Array(*start, 2),
         "parameters": Array(*parameters, 5),
-    }  # fmt: skip
+    }
     if not any(own):
         with pytest.raises(ArgumentError, match="given one path, one q_start and one set of parameters, expected the"):
             made._demand(given)

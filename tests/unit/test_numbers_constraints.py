@@ -59,8 +59,11 @@ def test_ranges_and_rates_of_joints_are_the_smaller_ones() -> None:
     whole, alone = Phase(model), Phase(model)
     model_limits._bound_joints(whole, kept, True)  # type: ignore[arg-type]
     assert whole.bounds == {
-        "q_a[q1]": (-1.0, 2.0), "v_a[q1]": (-2.0, 2.0), "v_a[q2]": (-4.0, 4.0), "a_a[q2]": (-5.0, 5.0),
-    }  # fmt: skip
+        "q_a[q1]": (-1.0, 2.0),
+        "v_a[q1]": (-2.0, 2.0),
+        "v_a[q2]": (-4.0, 4.0),
+        "a_a[q2]": (-5.0, 5.0),
+    }
     model_limits._bound_joints(alone, kept, False)  # type: ignore[arg-type]
     assert alone.bounds == {"v_a[q1]": (-2.0, 2.0), "v_a[q2]": (-4.0, 4.0), "a_a[q2]": (-6.0, 6.0)}
 

@@ -88,9 +88,10 @@ def test_the_compliance_of_two_springs_by_hand() -> None:
     J = np.zeros((6, 2))
     J[0], J[2], J[4] = (0.6, 0.8), (0.8, -0.6), (1.0, 0.0)
     made = ToolCompliance(np.diag([2.0, 2.0]), np.diag([0.4, 0.4]), np.diag([800.0, 200.0]), J)
-    assert_allclose(made.matrix[:3:2, :3:2], [[0.36 / 800 + 0.64 / 200, 0.48 / 800 - 0.48 / 200]] * 1 + [
-        [0.48 / 800 - 0.48 / 200, 0.64 / 800 + 0.36 / 200]
-    ])  # fmt: skip
+    assert_allclose(
+        made.matrix[:3:2, :3:2],
+        [[0.36 / 800 + 0.64 / 200, 0.48 / 800 - 0.48 / 200]] * 1 + [[0.48 / 800 - 0.48 / 200, 0.64 / 800 + 0.36 / 200]],
+    )
     values, directions = made.principal()
     assert_allclose(values, [1 / 200, 1 / 800, 0.0], atol=1e-15)
     assert_allclose(directions[:2], [[0.8, 0.0, -0.6], [0.6, 0.0, 0.8]], atol=1e-12)
@@ -150,9 +151,19 @@ def test_places_on_a_path_count_its_motions() -> None:
     """Within each the part of its path parameter; a pause between two of them is one place."""
     segments = [Made(law=Law(2.0, 0.5), start=0.0), Made(law=Law(0.5, 2.0), start=1.0)]
     path: Any = Made(segments=segments)
-    assert_allclose(place_force.places(path, np.array([0.0, 0.25, 0.5, 0.8, 1.0, 2.0, 3.0, 9.0])), [
-        0.0, 0.5, 1.0, 1.0, 1.0, 1.5, 2.0, 2.0,
-    ])  # fmt: skip
+    assert_allclose(
+        place_force.places(path, np.array([0.0, 0.25, 0.5, 0.8, 1.0, 2.0, 3.0, 9.0])),
+        [
+            0.0,
+            0.5,
+            1.0,
+            1.0,
+            1.0,
+            1.5,
+            2.0,
+            2.0,
+        ],
+    )
     force: Any = Made(at=lambda s: np.outer(s, np.arange(6.0)))
     assert_allclose(place_force.force_along(force, path)(np.array([0.25, 2.0])), np.outer([0.5, 1.5], np.arange(6.0)))
     curve = PPoly(np.ones((1, 2, 6)) * np.array([3.0, 5.0])[:, None], [0.0, 1.0, 2.0])
@@ -246,8 +257,11 @@ def test_objects_are_written_without_their_defaults() -> None:
     )
     assert schema.write(lambda: outer, {"a": 1, "f": 2}) == {}
     assert schema.write(outer, {"a": 5, "c": 7, "d": (0, 8), "e": 9, "f": None}) == {
-        "a_name": "<5>", "c_name": {"b_name": "<7>"}, "d_name": [{}, {"b_name": "<8>"}], "e_name": {"b_name": "<9>"},
-    }  # fmt: skip
+        "a_name": "<5>",
+        "c_name": {"b_name": "<7>"},
+        "d_name": [{}, {"b_name": "<8>"}],
+        "e_name": {"b_name": "<9>"},
+    }
     assert schema.write(outer, {"e": (4, 5)}) == {"e_name": [{"b_name": "<4>"}, {"b_name": "<5>"}]}
 
 

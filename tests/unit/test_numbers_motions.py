@@ -223,9 +223,13 @@ def test_numbers_of_an_observer_lie_as_its_program_reads_them(monkeypatch: pytes
     shapes = ((n_x, n_x), (n_x, n_m), (3, n_x), (3, n_m), (n_x + 2, 3))
     matrices = tuple(rng.normal(size=(2, *shape)) for shape in shapes)
     values = {
-        "model": model, "_order": order, "channels": Made(index=np.array([1, 0, 1])), "_dense": 2,
-        "matrices": matrices, "samples": 3,
-    }  # fmt: skip
+        "model": model,
+        "_order": order,
+        "channels": Made(index=np.array([1, 0, 1])),
+        "_dense": 2,
+        "matrices": matrices,
+        "samples": 3,
+    }
     for name, value in values.items():
         object.__setattr__(made, name, value)
 

@@ -125,8 +125,11 @@ def test_a_kernel_runs_on_its_points_and_reports_the_first_that_failed() -> None
     assert card.asked == []
     function(card)._launch(6, [1, 2], 9, False)
     assert card.asked == [
-        ("allocate", 8, 9), ("fill", 77, 255, 8, 9), ("launch", "kernel f", 6, [6, 1, 2, 77], 9), ("free", 77, 9),
-    ]  # fmt: skip
+        ("allocate", 8, 9),
+        ("fill", 77, 255, 8, 9),
+        ("launch", "kernel f", 6, [6, 1, 2, 77], 9),
+        ("free", 77, 9),
+    ]
     card = Card(2**64 - 1)
     function(card)._launch(6, [1, 2], 9, True)
     assert card.asked[3:] == [("read", 77, 8, 9), ("free", 77, 9)]

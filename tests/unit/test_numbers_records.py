@@ -34,9 +34,14 @@ def test_groups_of_runs_have_noise_of_their_own(monkeypatch: pytest.MonkeyPatch)
     rest = Made(y=np.array([[1.0, 9.0], [2.0, 9.0]]), tau_m=np.zeros((2, 1)))
     local = Made(rest=lambda values, poses: rest, values=None)
     for name, value in (
-        ("_robot", robot), ("library_with", None), ("LocalModel", local), ("largest_rate", 1.0),
-        ("integration_steps", 4), ("_Spectra", Made(sensors=None)), ("settle", None),
-    ):  # fmt: skip
+        ("_robot", robot),
+        ("library_with", None),
+        ("LocalModel", local),
+        ("largest_rate", 1.0),
+        ("integration_steps", 4),
+        ("_Spectra", Made(sensors=None)),
+        ("settle", None),
+    ):
         monkeypatch.setattr(experiment, name, lambda *given, value=value, **more: value)
     monkeypatch.setattr(experiment, "LANES", 2)
     monkeypatch.setattr(experiment, "ClosedLoop", loop)

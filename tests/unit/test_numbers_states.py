@@ -34,10 +34,15 @@ def test_states_of_a_plant_with_memory_and_their_fastest_rate(monkeypatch: pytes
     equations: Any = Made(model="model", lagrangian=Made(**vars(lag), v_m=v_m))
     memory = Made(z=whole, forces=ca.vertcat(2 * whole[0] - whole[3], 5 * whole[3]), rates=v_a[0] * whole)
     for name, value in (
-        ("hysteretic_joints", [1]), ("bristled_motors", []), ("memory_of", memory),
-        ("slip_torques", np.array([6.0, 0.0, 0.0, 4.0])), ("deflection_rates", v_a), ("motor_speeds", v_m),
-        ("gear_layers", [layer()]), ("motor_bristles", BRISTLES),
-    ):  # fmt: skip
+        ("hysteretic_joints", [1]),
+        ("bristled_motors", []),
+        ("memory_of", memory),
+        ("slip_torques", np.array([6.0, 0.0, 0.0, 4.0])),
+        ("deflection_rates", v_a),
+        ("motor_speeds", v_m),
+        ("gear_layers", [layer()]),
+        ("motor_bristles", BRISTLES),
+    ):
         monkeypatch.setattr(plant_memory, name, lambda given, value=value: value)
     monkeypatch.setattr(plant_memory, "with_forces", lambda equations, forces, z: (forces, z))
     made = plant_memory.plant_memory(equations)

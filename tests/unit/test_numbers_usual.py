@@ -66,8 +66,10 @@ def test_ratios_and_rotors_by_hand() -> None:
     ]
     assert [one.key for one in found] == ["motor.m1.ratio", "motor.m1.inertia", "motor.m1.ratio"]
     assert [one.quantity for one in found] == [
-        "ratio of a rotation", "rotor inertia", "rotor inertia times ratio^2 to the inertia of the arm at q1",
-    ]  # fmt: skip
+        "ratio of a rotation",
+        "rotor inertia",
+        "rotor inertia times ratio^2 to the inertia of the arm at q1",
+    ]
     slides = list(numbers._ratio_findings(motor(inertia=2.0), joint("m"), 1.0, 4.0))
     assert shown(slides)[0] == (UNUSUAL, "1 rad/m", "5 to 2e+04 rad/m")
     assert slides[0].quantity == "ratio of a translation" and slides[2].key == "motor.m1.inertia"
@@ -130,9 +132,13 @@ def test_springs_by_hand() -> None:
     assert slides[1].advice == "damping in N s/m on the side of the spring, or the stiffness"
     still = list(numbers._spring(joint(), "key", "stiffness", (4e4, 0.0, 1.0, 0.0)))
     assert still[1] == Finding(
-        UNUSUAL, "key.damping", "damping ratio of the spring", "0: no damping", "0.001 to 0.4",
+        UNUSUAL,
+        "key.damping",
+        "damping ratio of the spring",
+        "0: no damping",
+        "0.001 to 0.4",
         "damping in N m s/rad on the side of the spring, or the stiffness",
-    )  # fmt: skip
+    )
 
 
 def test_springs_of_gears_are_on_their_side(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,8 +201,9 @@ def test_lengths_and_gravity_by_hand() -> None:
     robot.elements[0].body.com = (0.0, 60.0, 0.0)
     robot.gravity = (0.0, 18.1, -24.0)
     assert shown(numbers.sizes(robot)) == [
-        (UNUSUAL, "30.06 m/s^2", "at most 30 m/s^2"), (UNUSUAL, "120 m", "0.001 to 100 m"),
-    ]  # fmt: skip
+        (UNUSUAL, "30.06 m/s^2", "at most 30 m/s^2"),
+        (UNUSUAL, "120 m", "0.001 to 100 m"),
+    ]
     robot.elements, robot.gravity = [], (0.0, 0.0, -9.81)
     assert numbers._length(robot) == 0.0 and list(numbers.sizes(robot)) == []
 
