@@ -63,7 +63,7 @@ class Nvrtc:
         self.asked.append(given)
         return 0, "program"
 
-    def nvrtcCompileProgram(self, *given: Any) -> tuple[Any, ...]:
+    def nvrtcCompileProgram(self, *given: Any) -> tuple[int]:
         self.asked.append(given)
         return (self.status,)
 

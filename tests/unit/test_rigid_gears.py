@@ -122,7 +122,8 @@ def test_friction_that_falls_with_speed_is_found(motors: list[int], tmp_path: Pa
     for j in motors:
         for name, value in true.items():
             key = f"{written[j].name}.{name}"
-            assert abs(answer.numbers[key] - value[j]) < 4 * answer.deviations[key] < 0.2 * abs(value[j]) + 0.15
+            assert abs(answer.numbers[key] - value[j]) < 4 * answer.deviations[key]
+            assert name == "offset" or 4 * answer.deviations[key] < 0.1 * value[j]  # weight is like an offset
             assert getattr(written[j].friction, name) == pytest.approx(answer.numbers[key], rel=1e-5)
     assert (found.relative_errors(motion) < 0.003).all()
     gear = found.gear_torques(motion) - identify_rigid(model, [plain], parts=0).gear_torques(plain)
