@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import t as student
 
 import flexgen
 from flexgen.analysis.feasible_motors import is_possible
@@ -28,7 +29,7 @@ def test_forces_pass_the_filter_of_accelerations() -> None:
 
 
 def test_scores_are_those_of_fits_without_a_block() -> None:
-    """The covariance of blocks, by a fit without each of them."""
+    """The covariance of blocks, by a fit without each of them; along principal axes with Student's quantiles."""
     rng = np.random.default_rng(0)
     X, weight, prior = list(rng.normal(size=(2, 60, 5))), np.array([1.0, 3.0]), np.array([0.0, 0.0, 4.0, 4.0, 0.0])
     y = rng.normal(size=(60, 2))
@@ -43,7 +44,17 @@ def test_scores_are_those_of_fits_without_a_block() -> None:
     error = (target - rows @ everything).reshape(2, 60).T
     H = np.linalg.inv((rows * W[:, None]).T @ rows + np.diag(prior))
     changes = [fitted(np.tile(np.arange(60) // 12 != b, 2)) - everything for b in range(5)]
-    expected = np.einsum("bi,bj->ij", changes, changes) + H @ np.diag(prior) @ H
+    size = 1 / np.sqrt((rows**2 * W[:, None]).sum(axis=0) + prior)  # principal axes of numbers of like size
+    left = (rows * np.sqrt(W)[:, None] * size).reshape(2, 5, 12, 5)
+    axes = np.linalg.svd(np.vstack([left.reshape(120, 5), np.diag(np.sqrt(prior) * size)]))[2].T
+    shares = ((left @ axes) ** 2).sum(axis=(0, 2))
+    freedom = shares.sum(axis=0) ** 2 / (shares**2).sum(axis=0)
+    assert 4.0 < freedom.min() < freedom.max() < 5.0  # blocks
+    quantiles = np.array([student.ppf(0.975, n) for n in freedom]) / 1.959963984540054
+    assert quantiles.min() > 1.3
+    # a score in the axes is H^-1 times the change, without the prior
+    G = np.array(changes) @ np.linalg.inv(H) * size @ axes * quantiles @ axes.T / size
+    expected = H @ (G.T @ G + np.diag(prior)) @ H
     assert_allclose(covariance(X, error, weight, prior, 12), expected, rtol=1e-6, atol=1e-12)
 
 
