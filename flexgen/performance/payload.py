@@ -8,9 +8,11 @@ The motion is low-passed at a higher frequency first: squares of smoothed speeds
 d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. s: the
 friction of each motor changes with temperature, f = (1 + s_1) f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Gears and
 links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the forces of
-the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c, d, s). Standard deviations
-are the larger ones of two: of residuals whose correlation in time is that of the low pass, at least `LEAST_ERROR` of
-the torques, and of what leaving out half a second of the record changes, since errors of the model last longer.
+the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, m c, d, s); a load is within
+`CENTER_SD` of the center of mass in the file, for what the motion does not show, such as the height in the tool of a
+palletizer. Standard deviations are the larger ones of two: of residuals whose correlation in time is that of the low
+pass, at least `LEAST_ERROR` of the torques, and of what leaving out half a second of the record changes, since errors
+of the model last longer.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
@@ -41,14 +43,18 @@ LOW_PASS_HZ, OF_LOWEST = 8.0, 1.5  # of the torques: at most; times the lowest n
 OF_MOTION, HIGHEST = 3.0, 0.4  # low pass of the motion: times that of the torques; at most, times the sample rate
 STEPS, CLOSE = 20, 1e-9
 NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
+OF_DEVIATION = 0.1  # a last step that is smaller, over the deviations of the numbers, changes none that is known
 DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
 ENDS, LEAST = 0.5, 0.05  # s at both ends of a record that the low pass spoils, and between them
 NOISE_BAND = 3 * np.pi / 4 / np.sqrt(2)  # of white noise through the low pass, both sides, over its frequency
 FEWEST = 200  # samples
-FARTHEST = 3.0  # m, center of mass
+FARTHEST = 3.0  # m, center of mass of the whole payload
 AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 FRICTION_SD = 0.3  # relative, of each motor
+CENTER_SD = 1.0  # m: of the center of mass of a load about that of the model file, for directions that no motion shows
+LEAST_LOAD = 1e-3  # of the whole payload, for that deviation
+UNKNOWN_M = 0.3  # m: a center of mass with a larger deviation is not known
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
 BLOCK_S, FEWEST_BLOCKS = 0.5, 6  # of a record, each left out once; fewer tell too little about five numbers
 LOAD = 5  # numbers before the frictions: mass, center of mass, delay
@@ -59,7 +65,8 @@ LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 class Load(Result):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
-    The load is taken for a point mass. ``total_mass``, ``total_com``: of the load and the payload of the model file
+    The load is taken for a point mass; directions that the motion does not show have a deviation of about 1 m.
+    ``total_mass``, ``total_com``: of the load and the payload of the model file
     together. ``residual_Nm``: root mean square of the residual gear torques (n_g,), arm side. ``delay_s``: time by
     which torques were recorded late [s]. ``friction`` (2, n_m): viscous
     and other friction of each motor over those of the model.
@@ -85,11 +92,17 @@ class Load(Result):
     __repr__ = short_repr
 
     def __str__(self) -> str:
-        """Mass and center of mass."""
+        """Mass, center of mass, and frictions."""
+        viscous, other = (", ".join(f"{x:.2f}" for x in row) for row in self.friction)
+        friction = f"\nfriction of the motors over that of the model: viscous {viscous}; other {other}"
         if not 2 * self.mass_sd < abs(self.mass):
-            return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass not determined"
-        com = ", ".join(f"{1e3 * x:.1f} +- {1e3 * s:.1f}" for x, s in zip(self.com, self.com_sd, strict=True))
-        return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} mm in the frame of the last tip"
+            return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass not determined" + friction
+        com = ", ".join(
+            f"{axis} {1e3 * x:.1f} +- {1e3 * s:.1f} mm" if s < UNKNOWN_M else f"{axis} not determined"
+            for axis, x, s in zip("xyz", self.com, self.com_sd, strict=True)
+        )
+        load = f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} in the frame of the last tip"
+        return load + friction
 
 
 @checked_types
@@ -123,7 +136,7 @@ def identify_load(
     ArgumentError
         The record is too short, is not equidistant, or is of other motors.
     SolverError
-        The motion does not determine the load, or no load was found.
+        The motion does not determine the mass, or no load was found.
 
     Examples
     --------
@@ -239,48 +252,49 @@ class _Estimate:
         return own * mass * load / values[0]
 
     def solve(self) -> Load:
-        """Gauss-Newton in mass and center of mass of the whole payload, the delay of the torques, and the frictions."""
-        start = self.of_file[-4:]
-        count = LOAD + self.friction.shape[1]
-        x = np.concatenate([[start[0] + 1.0], start[1:], np.zeros(count - 4)])
-        prior = np.concatenate([np.zeros(LOAD), np.full(count - LOAD, FRICTION_SD**-2.0)])
-        scale = self.scale
-        friction = evaluate(self.nominal.function("arm_forces"), *self.motion(x[:4])[:2])[0].reshape(-1, self.robot.n_a)
+        """Gauss-Newton in mass and first moments of the whole payload, the delay of the torques, and the frictions."""
+        own, center = self.of_file[-4], self.of_file[-3:]
+        count, scale = LOAD + self.friction.shape[1], self.scale
+        x = np.concatenate([[own + 1.0], (own + 1.0) * center, np.zeros(count - 4)])
+        about = np.column_stack([-center, np.eye(3)])  # first moments about the center of mass of the file
+        start = values_of(x)
+        friction = evaluate(self.nominal.function("arm_forces"), *self.motion(start)[:2])[0].reshape(-1, self.robot.n_a)
 
         def residual(x: np.ndarray) -> np.ndarray:
-            tau = self._low_pass(self.forces(*self.motion(x[:4]), x[:4]) - friction)
+            load = values_of(x)
+            tau = self._low_pass(self.forces(*self.motion(load), load) - friction)
             needed = (self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:]))[self.kept]
             return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - needed) / scale)
 
+        prior, last, part = np.zeros((count, count)), np.zeros(count), 1.0
+        prior[LOAD:, LOAD:] = np.eye(count - LOAD) / FRICTION_SD**2
         for _ in range(STEPS):
-            r = residual(x)
+            r, arm = residual(x), 1e-4 * max(x[0], 1.0)
             columns = []
-            for k, size in enumerate((1e-3, 1e-4, 1e-4, 1e-4)):
+            for k, size in enumerate((1e-3, arm, arm, arm)):
                 columns.append((residual(x + size * (np.arange(count) == k)) - r).ravel() / size)
             columns.append((-self.late[self.kept] / scale).ravel())
             columns += [(f[self.kept] / scale).ravel() for f in self.friction.transpose(1, 0, 2)]
-            J = np.stack(columns, axis=1)
-            if np.linalg.cond(J[:, :LOAD] / np.maximum(np.linalg.norm(J[:, :LOAD], axis=0), 1e-300)) > 1e6:
-                raise SolverError(
-                    "load: the motion does not determine mass and center of mass; turn the tool in the motion"
-                )
+            J, hidden = np.stack(columns, axis=1), CENTER_SD * max(abs(x[0] - own), LEAST_LOAD * x[0])
+            prior[:4, :4] = about.T @ about / hidden**2
             weight = prior * self._variance(r)
-            step = np.linalg.solve(J.T @ J + np.diag(weight), -J.T @ r.ravel() - weight * x)
-            step[1:4] = np.clip(step[1:4], -0.5, 0.5)
-            before = x
-            x = x + step
-            x[0], x[1:4] = max(x[0], 1e-6), np.clip(x[1:4], -FARTHEST, FARTHEST)
-            # the center of mass of no mass runs away, the first moment does not
-            moved = np.concatenate([x[:1] - before[:1], x[0] * x[1:4] - before[0] * before[1:4]])
-            change = np.abs(moved).max() / (1 + np.abs(x[0]))
+            if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
+                raise SolverError("load: the motion does not determine the mass; move the joints that carry the load")
+            A = J.T @ J + weight
+            step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)
+            part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)  # steps that turn back are too long
+            before, x = x, x + part * step
+            x[0], last = max(x[0], 1e-6), part * step
+            change = np.abs((x - before)[:4]).max() / (1 + np.abs(x[0]))
             if change < CLOSE:
                 break
         r = residual(x)
         tau, weight = self.tau_g[self.kept] / scale, prior * self._variance(r)
-        covariances = [np.linalg.inv(J.T @ J + np.diag(weight)) * self._variance(r), self._left_out(r, J, weight)]
+        covariances = [np.linalg.inv(J.T @ J + weight) * self._variance(r), self._left_out(r, J, weight)]
         sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
         is_nothing = max(x[0], change) < 2 * sd[0]  # steps between masses that noise hides
-        if not (change < NOT_CLOSE or is_nothing):
+        is_hidden = (np.abs(x - before)[:4] < OF_DEVIATION * sd[:4]).all()
+        if not (change < NOT_CLOSE or is_nothing or is_hidden):
             raise SolverError(
                 f"load: no solution in {STEPS} steps, the last changed the load by {change:.1e}; does the record "
                 f"belong to the model {self.robot.name}?"
@@ -291,14 +305,14 @@ class _Estimate:
                 f"load: no load explains the record, {100 * unexplained:.0f} % of the torques are left; does it belong "
                 f"to the model {self.robot.name}, in rad and N m of the motors?"
             )
-        mass = x[0] - start[0]
-        com = (x[0] * x[1:4] - start[0] * start[1:]) / mass if abs(mass) > 1e-9 else np.full(3, np.nan)
-        share = x[0] / mass if abs(mass) > 1e-9 else np.nan
-        slopes = np.column_stack([(x[1:4] - com) / (mass or np.nan), share * np.eye(3)])  # of com in x
+        mass = x[0] - own
+        com = (x[1:4] - own * center) / mass if abs(mass) > 1e-9 else np.full(3, np.nan)
+        slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)  # of com in x
         com_sd = np.sqrt(np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0))
         left = np.sqrt((r**2).mean(axis=0)) * scale
         friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
-        return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), x[1:4], left, float(x[4]), friction)
+        total = values_of(x)
+        return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), total[1:], left, float(x[4]), friction)
 
     def _variance(self, r: np.ndarray) -> float:
         """Of an error that is independent of the others: more than that of the samples (n, n_g), which are alike."""
@@ -315,8 +329,21 @@ class _Estimate:
         Js = J.reshape(n, m, -1)
         own = np.add.reduceat(np.einsum("nmp,nmq->npq", Js, Js), blocks)
         scores = np.add.reduceat(np.einsum("nmp,nm->np", Js, r), blocks)
-        changes = np.linalg.solve(own.sum(axis=0) + np.diag(weight) - own, scores[..., None])[..., 0]
+        changes = np.linalg.solve(own.sum(axis=0) + weight - own, scores[..., None])[..., 0]
         return np.asarray(changes.T @ changes * (1.0 - 1.0 / len(blocks)))
+
+
+def values_of(x: np.ndarray) -> np.ndarray:
+    """Mass and center of mass from mass and first moments; that of a mass that is nearly zero is kept near."""
+    return np.concatenate([x[:1], np.clip(x[1:4] / x[0], -FARTHEST, FARTHEST)])
+
+
+def _is_determined(J: np.ndarray, prior: np.ndarray) -> bool:
+    """Whether the first number has a column of its own; ``prior`` (3, 4): rows of the first four."""
+    rows = np.vstack([J, np.pad(prior, ((0, 0), (0, J.shape[1] - 4)))])
+    own, others = rows[:, 0], rows[:, 1:] / np.maximum(np.linalg.norm(rows[:, 1:], axis=0), 1e-300)
+    left = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
+    return bool(np.linalg.norm(left) > 1e-6 * np.linalg.norm(own))
 
 
 def _default_low_pass(robot: RobotModel, q_m: np.ndarray, rigid: bool) -> float:

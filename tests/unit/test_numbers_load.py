@@ -45,12 +45,14 @@ def forces(self: Any, q: Any, v: Any, a: Any, values: np.ndarray) -> np.ndarray:
     return np.asarray(self.slopes @ np.array([values[0], *(values[0] * values[1:])]) + self.in_arm)
 
 
-def linear_fit(made: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers (mass, first moments, delay), residuals, scales, their covariance, and the torques over the scales."""
+def linear_fit(
+    made: Any, chosen: list[int] | slice = slice(None)
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Chosen of mass, first moments, delay; residuals, scales, covariance of the numbers, torques over the scales."""
     tau = made.tau_g[KEPT]
     scale = np.abs(tau).max(axis=0)
     rows = np.concatenate([made.slopes[KEPT][:, [0, 2]], -made.late[KEPT][:, :, None]], axis=2) / scale[:, None]
-    J, y = rows.reshape(-1, 5), (tau / scale).ravel()
+    J, y = rows.reshape(-1, 5)[:, chosen], (tau / scale).ravel()
     found = np.linalg.lstsq(J, y, rcond=None)[0]
     r = (J @ found - y).reshape(-1, 2)
     variance = (np.mean(r**2) + 1e-8 * np.mean(y**2)) * r.size / (30.0 * 2 - 5)
@@ -63,14 +65,15 @@ def test_a_load_is_the_linear_fit_of_its_first_moments(monkeypatch: pytest.Monke
     load = made.solve()
     found, r, scale, covariance, _ = linear_fit(made)
     mass, com = found[0] - 2.0, (found[1:4] - 2.0 * np.array([0.1, -0.05, 0.2])) / (found[0] - 2.0)
-    assert load.mass == pytest.approx(mass, rel=1e-8) and load.delay_s == pytest.approx(found[4], rel=1e-8)
-    assert_allclose(load.com, com, rtol=1e-7)
+    # the center of mass is held by 1 m, millimeters show here
+    assert load.mass == pytest.approx(mass, rel=1e-6) and load.delay_s == pytest.approx(found[4], rel=1e-5)
+    assert_allclose(load.com, com, rtol=1e-4)
     assert load.total_mass == pytest.approx(found[0]) and abs(mass - 3.0) < 0.05
-    assert_allclose(load.total_com, found[1:4] / found[0], rtol=1e-8)
+    assert_allclose(load.total_com, found[1:4] / found[0], rtol=1e-4)
     assert load.mass_sd == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-4)
     slopes = np.column_stack([-com, np.eye(3)]) / mass  # of com in the mass and the first moments
     assert_allclose(load.com_sd, np.sqrt(np.diag(slopes @ covariance[:4, :4] @ slopes.T)), rtol=1e-3)
-    assert_allclose(load.residual_Nm, np.sqrt((r**2).mean(axis=0)) * scale, rtol=1e-9)
+    assert_allclose(load.residual_Nm, np.sqrt((r**2).mean(axis=0)) * scale, rtol=1e-5)
 
 
 def test_a_load_without_mass_has_no_center(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,16 +92,16 @@ def test_deviations_are_those_of_blocks_where_these_are_larger(monkeypatch: pyte
     monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: left)
     load = made.solve()
     assert load.mass_sd == 0.5
-    along = np.abs(load.com - load.total_com) / load.mass * 0.5  # of com where only the mass changes
+    along = np.abs(load.com) / load.mass * 0.5  # of com where the mass changes and first moments stay
     alone = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
     monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: 0 * left)
     assert_allclose(load.com_sd, np.maximum(along, alone.solve().com_sd), rtol=1e-9)
 
 
 def test_a_load_that_the_record_does_not_show_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A direction without torques, torques that no load explains, and steps that end nowhere."""
-    with pytest.raises(SolverError, match="the motion does not determine mass and center of mass; turn the tool"):
-        estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=3).solve()
+    """A mass without torques, torques that no load explains, and steps that end nowhere."""
+    with pytest.raises(SolverError, match="load: the motion does not determine the mass; move the joints that carry"):
+        estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=0).solve()
     made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], noise=4.0)
     _, r, _, _, y = linear_fit(made)
     part = np.linalg.norm(r) / np.linalg.norm(y)
@@ -115,18 +118,18 @@ def test_a_load_that_the_record_does_not_show_is_refused(monkeypatch: pytest.Mon
         estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02]).solve()
 
 
-def test_centers_of_mass_stay_within_three_meters(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And move by half a meter in a step, at most."""
-    seen: list[np.ndarray] = []
-    made = estimate(monkeypatch, [5.0, 3.5, -0.2, 0.1, 0.02], noise=0.0)
+def test_a_direction_that_no_motion_shows_is_known_by_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within a meter of the center of mass of its payload; the other numbers are those of a fit without it."""
+    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=3)
+    load = made.solve()
+    known = linear_fit(made, [0, 1, 2, 4])[0]
+    assert load.mass == pytest.approx(known[0] - 2.0, rel=1e-4)
+    assert_allclose(load.com[:2], (known[1:3] - 2.0 * np.array([0.1, -0.05])) / load.mass, rtol=1e-3)
+    assert load.com[2] == pytest.approx(0.2) and load.com_sd[2] == pytest.approx(1.0, rel=1e-4)
+    assert load.com_sd[:2].max() < 0.02 and str(load).count("not determined") == 1
+    assert ", z not determined in the frame of the last tip" in str(load)
 
-    def recorded(self: Any, values: np.ndarray) -> Any:
-        seen.append(np.array(values))
-        return None, None, None
 
-    monkeypatch.setattr(payload._Estimate, "motion", recorded)
-    assert made.solve().total_com[0] == pytest.approx(3.0)
-    starts = [x for x in np.array(seen)[1::5]]
-    assert_allclose(seen[0], [3.0, 0.1, -0.05, 0.2])
-    assert_allclose([x[1] for x in starts[:4]], [0.1, 0.6, 1.1, 1.6], atol=1e-12)
-    assert max(x[1] for x in seen) <= 3.0 + 1.1e-4
+def test_the_center_of_a_mass_that_is_nearly_zero_is_near() -> None:
+    assert_allclose(payload.values_of(np.array([2.0, 0.4, -0.2, 0.0, 9.0])), [2.0, 0.2, -0.1, 0.0])
+    assert_allclose(payload.values_of(np.array([1e-6, 0.01, -0.01, 1e-6, 9.0])), [1e-6, 3.0, -3.0, 1.0])

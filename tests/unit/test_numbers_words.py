@@ -205,10 +205,11 @@ def test_a_fast_move_and_a_load_are_told_in_words(monkeypatch: pytest.MonkeyPatc
         np.zeros(3),
         np.zeros(2),
         0.0,
-        np.ones((2, 2)),
+        np.array([[0.7, 1.0], [1.204, 0.95]]),
     )
     words = (
-        "load 1.500 +- 0.250 kg, center of mass 10.0 +- 1.0, 20.0 +- 2.0, -30.0 +- 3.0 mm in the frame of the last tip"
+        "load 1.500 +- 0.250 kg, center of mass x 10.0 +- 1.0 mm, y 20.0 +- 2.0 mm, z -30.0 +- 3.0 mm in the frame of "
+        "the last tip\nfriction of the motors over that of the model: viscous 0.70, 1.00; other 1.20, 0.95"
     )
     assert str(load) == words
     assert str(load.to_dict()["mass"]) == "1.5"
