@@ -82,8 +82,6 @@ def position_obstacle(model: RobotModel) -> str | None:
     """Why a library of a model cannot give the positions that its servo needs; None where it can."""
     if model.servo is None:
         return f"model {model.name} has no table [servo]"
-    if model.servo.type != "cascade":
-        return f'the servo of model {model.name} is of type "{model.servo.type}", not "cascade", gains of each motor'
     if any(one.zero_damping <= 0.0 for one in model.servo.notch):
         return f"a notch filter of the servo of model {model.name} has zeros without damping: its inverse is unstable"
     return None

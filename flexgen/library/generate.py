@@ -323,9 +323,9 @@ def _write_sources(request: _Request, digest: str, log: Callable[[str], None]) -
         wanted = {f"{solver}.c" for solver in request.solvers}
         spec = replace(spec, c_functions=tuple(f for f in spec.c_functions if f.file in wanted))
     elif spec.inverts:
-        from flexgen.library.stream_defaults import stream_defaults
+        from flexgen.library.stream_defaults import with_defaults
 
-        spec = replace(spec, stream=stream_defaults(request.model, spec))
+        spec = with_defaults(request.model, spec)
     written = function_texts(spec)
     texts = emit(spec, written)
     if request.solvers is not None and spec.inverts:

@@ -1,9 +1,10 @@
-"""Recommended options of a stream: look-ahead, interval and tolerance, from the zero dynamics at the home pose."""
+"""Defaults of a library from the home pose: options of a stream by the zero dynamics, gains of the servo."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -22,6 +23,16 @@ SAMPLES = 5  # per interval
 INTERVALS = 10  # of the shortest horizon
 _STEPS = 60  # of Newton's method, at most
 _SINGULAR = 1e-9  # rad/m: a pose where the output's Jacobian is singular
+
+
+def with_defaults(model: RobotModel, spec: LibrarySpec) -> LibrarySpec:
+    """The library with the recommended options of its stream, and with gains where its servo has frequencies."""
+    constants = spec.motor_constants
+    if constants is not None and constants.servo is not None and constants.servo.type == "ppi":
+        from flexgen.analysis.servo_gains import servo_with_gains
+
+        spec = replace(spec, motor_constants=replace(constants, servo=servo_with_gains(model)))
+    return replace(spec, stream=stream_defaults(model, spec))
 
 
 def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | None:

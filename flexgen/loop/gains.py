@@ -1,7 +1,4 @@
-"""Controllers by frequencies: gains of a P-PI cascade from the inertias of a model.
-
-position_gain = 2 pi f_p,   speed_gain = 2 pi f_v J,   integral_gain = 2 pi f_i,    J = J_m + M_jj / eta^2
-"""
+"""Controllers by frequencies: gains of a P-PI cascade as of `flexgen.analysis.servo_gains`."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.analysis import second_order
+from flexgen.analysis.servo_gains import cascade_gains, chosen_frequencies
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import Cascade
@@ -19,12 +17,11 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.position_servo.filters import Filter
-from flexgen.simulation.motor_feedback import MULTIPLES, RIGID_HZ
+from flexgen.position_servo.keys import FREQUENCIES
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 
 LATE = 2e-3  # s: sample time and delay of proposed gains, one update of 1 ms each
-SAMPLED_GAIN = 0.3  # largest speed gain times sample time and delay, over the inertia with all springs soft
 
 
 @checked_class
@@ -54,7 +51,7 @@ class PPI:
     filters: tuple[Filter, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in MULTIPLES:
+        for name in FREQUENCIES:
             value = getattr(self, name)
             if value is not None and not (is_number(value) and 0 <= value <= 1e5):
                 raise ArgumentError(f"controller, {name}: given {value!r}, expected 0 to 1e5 Hz")
@@ -63,12 +60,11 @@ class PPI:
 
     def frequencies(self, model: RobotModel, motion: Sequence[np.ndarray]) -> dict[str, float]:
         """The three frequencies for a model at a pose [Hz]."""
-        given = {name: getattr(self, name) for name in MULTIPLES}
+        given = {name: getattr(self, name) for name in FREQUENCIES}
         if None not in given.values():
             return given
         check_motion(model, motion)
-        lowest = lowest_locked_hz(model, motion) or RIGID_HZ
-        return {name: MULTIPLES[name] * lowest if value is None else value for name, value in given.items()}
+        return chosen_frequencies(given, lowest_locked_hz(model, motion))
 
     def cascade(self, model: RobotModel, late_s: float, motion: Sequence[np.ndarray]) -> Cascade:
         """The gains for a model.
@@ -87,12 +83,8 @@ class PPI:
             With the torque limits of the model.
         """
         check_motion(model, motion)
-        stiff, soft = motor_inertias(model, motion)
-        own = self.frequencies(model, motion)
-        speed = np.minimum(2 * np.pi * own["speed_hz"] * stiff, SAMPLED_GAIN * soft / late_s)
-        position, integral = (np.full(model.n_m, 2 * np.pi * own[name]) for name in ("position_hz", "integral_hz"))
-        limits = np.array([motor.torque_max or 0.0 for motor in model.motors])
-        return Cascade(position, speed, integral, self.filters, limits)
+        gains = cascade_gains(self.frequencies(model, motion), *motor_inertias(model, motion), late_s)
+        return Cascade(*gains, self.filters, np.array([motor.torque_max or 0.0 for motor in model.motors]))
 
 
 @checked_class

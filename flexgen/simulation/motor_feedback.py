@@ -15,9 +15,6 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.numerics.evaluate import evaluate
 
-MULTIPLES = {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1}  # of the lowest locked frequency
-RIGID_HZ = 10.0  # in its place where nothing is elastic
-
 
 @dataclass(frozen=True)
 class MotorFeedback:
@@ -43,9 +40,8 @@ class MotorFeedback:
     @property
     def title(self) -> str:
         """The feedback in words."""
-        values = [self.frequencies[name] for name in MULTIPLES]
         return "P-PI motor feedback, continuous, position {:.3g} Hz, speed {:.3g} Hz, integral {:.3g} Hz".format(
-            *values
+            *self.frequencies.values()
         )
 
     def torque(self, x: np.ndarray, total: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,7 +65,7 @@ def default_feedback(equations: Equations, q_a: np.ndarray, q_m: np.ndarray, tau
 
     ``q_a`` (n_a,), ``q_m`` (n_m,), ``tau_m`` (n_m,).
     """
-    from flexgen.analysis.second_order import lowest_locked_hz, motor_inertias, motor_rows
+    from flexgen.analysis.second_order import MULTIPLES, RIGID_HZ, lowest_locked_hz, motor_inertias, motor_rows
 
     model = equations.model
     arm, motors = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))

@@ -291,7 +291,6 @@ def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
     ("table", "message"),
     [
         ("", r"'position', but model planar5_nmp has no table \[servo\]"),
-        ('[servo]\ntype = "ppi"\n', r'is of type "ppi", not "cascade", gains of each motor'),
         (
             f"[servo]\n{PLAIN}\nnotch = [{{ frequency_hz = 60, zero_damping = 0.0 }}]\n",
             "has zeros without damping: its inverse is unstable",

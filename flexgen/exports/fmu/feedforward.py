@@ -11,18 +11,18 @@ from flexgen.codegen.amalgamation import merge_files
 from flexgen.codegen.c_functions import inversion_reason
 from flexgen.codegen.emit import emit, function_texts
 from flexgen.codegen.interface import INTERVALS_MAX, POSITION, STATUSES
-from flexgen.codegen.motor_constants import position_obstacle
 from flexgen.codegen.spec import StreamDefaults, library_name, library_spec
 from flexgen.errors import ArgumentError
 from flexgen.exports.fmu.block import Block, time_variable
 from flexgen.exports.fmu.plant import payload_variables
 from flexgen.exports.fmu.variables import INPUT, OUTPUT, STATUS, Variable
-from flexgen.library.stream_defaults import stream_defaults
+from flexgen.library.stream_defaults import with_defaults
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERTING, offered_functions
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.position_servo.keys import ServoTable
 
 # Numbers of a figure of the stream: its name, unit and meaning.
 _FIGURES = (
@@ -51,9 +51,8 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
         )
     equations = derive(model, ("payload",))
     offered = offered_functions(model)
-    servo = None if position_obstacle(model) else model.servo
-    spec = library_spec(equations, [name for name in INVERTING if name in offered], parts=(POSITION,))
-    options = stream_defaults(model, spec)
+    spec = with_defaults(model, library_spec(equations, [x for x in INVERTING if x in offered], parts=(POSITION,)))
+    options, servo = spec.stream, None if spec.motor_constants is None else spec.motor_constants.servo
     if options is None:
         raise ArgumentError(
             f"block 'feedforward': model {model.name} has no equilibrium at its home pose, or a singular one; expected "
@@ -72,13 +71,12 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
     sizes = {"N_A": model.n_a, "N_M": model.n_m, "N_OUT": model.output.size, "N_T": model.output.target_size}
     sizes |= {} if servo is None else {"N_C": model.n_g}
     results = options.samples_per_interval * (2 * model.n_a + 3 * model.n_m + sizes.get("N_C", 0)) + len(_FIGURES)
-    memory = f"(int)({prefix.upper()}_STREAM_SIZE(INTERVALS, SAMPLES))"
     return Block(
         name=name,
         title=name,
         text=f"feedforward: {model.description}",
         macro="FMU_FEEDFORWARD",
-        variables=tuple(_variables(model, equations, held, options)),
+        variables=tuple(_variables(model, equations, held, options, servo)),
         sources={file: text for file, text in texts.items() if file != "example.c"},
         header=f"{prefix}.h",
         defines={
@@ -87,7 +85,7 @@ def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
             "SAMPLES": str(options.samples_per_interval),
             "PERIOD": repr(options.period),
             "TOLERANCE": repr(options.tolerance),
-            "N_STREAM": memory,
+            "N_STREAM": f"(int)({prefix.upper()}_STREAM_SIZE(INTERVALS, SAMPLES))",
             "P_MASS": "0",
             **({} if servo is None else {"HELD": f"{prefix.upper()}_HOLD_ZOH"}),
             "MODEL(name)": f"{prefix}_##name",
@@ -138,12 +136,14 @@ def home_output(model: RobotModel, equations: Equations, q_a: np.ndarray) -> np.
     return found
 
 
-def _variables(model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults) -> list[Variable]:
+def _variables(
+    model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults, servo: ServoTable | None
+) -> list[Variable]:
     """All variables."""
     return [
         time_variable(),
         *_inputs(model, equations, held, options),
-        *_outputs(model, held),
+        *_outputs(model, held, servo),
         Variable("quality.status", STATUS, 0, "", "of the last update: " + "; ".join(
             f"{status.code} {status.text}" for status in STATUSES if status.code >= 0), 0),
         *payload_variables(equations),
@@ -171,7 +171,7 @@ def _inputs(model: RobotModel, equations: Equations, held: Equilibrium, options:
     return out
 
 
-def _outputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
+def _outputs(model: RobotModel, held: Equilibrium, servo: ServoTable | None) -> list[Variable]:
     rows: list[tuple[str, str, str, float]] = []
     for k, m in enumerate(model.motors):
         rows.append((f"motor.{m.name}.torque", "N.m", "feedforward torque, motor side", held.tau_m[k]))
@@ -182,8 +182,8 @@ def _outputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
         rows.append((f"arm.{c.name}.reference_position", c.unit, "arm coordinate of the planned motion", held.q_a[k]))
     rows += [(f"arm.{c.name}.reference_speed", f"{c.unit}/s", "its speed", 0.0) for c in model.coordinates]
     rows += [(name, unit, text, 0.0) for name, unit, text in _FIGURES]
-    if position_obstacle(model) is None and model.servo is not None:
-        gains = (model.servo.position_gain, model.servo.speed_gain, model.servo.integral_gain)
+    if servo is not None:
+        gains = (servo.position_gain, servo.speed_gain, servo.integral_gain)
         offset = [0.0 if k_i > 0 else tau / (k_p * k_v) for tau, k_p, k_v, k_i in zip(held.tau_m, *gains, strict=True)]
         start = np.linalg.solve(model.eta, held.q_m + offset)
         for k, c in enumerate(model.coordinates[i] for i in model.i_g):
