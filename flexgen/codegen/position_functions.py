@@ -20,7 +20,6 @@ POSITION_FUNCTIONS = (
         "(BAD_ARGUMENT). Where positions are sent less often than the servo samples them, these are not the best ones.",
         (),
         returns="servo",
-        double=True,
         part=POSITION,
     ),
     CFunction(
@@ -30,7 +29,6 @@ POSITION_FUNCTIONS = (
         "",
         (_COUNT, _INTERFACE),
         returns="size",
-        double=True,
         part=POSITION,
     ),
     CFunction(
@@ -50,7 +48,6 @@ POSITION_FUNCTIONS = (
             Field("work", "real *", ("work_size",), "", "workspace"),
             Field("work_size", "int64_t", (), "1", "its length, at least position_samples_work"),
         ),
-        double=True,
         part=POSITION,
     ),
 )

@@ -267,6 +267,22 @@ def test_mujoco_with_the_commands_of_c_follows_the_path(robot: Any, find: Callab
     assert error_in_mujoco(model, found, gains=(GAINS[0], GAINS[1][::-1], GAINS[2])) > 1e-4
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("filters", ["", FILTERS], ids=["plain", "filters"])
+def test_mujoco_with_commands_in_single_precision_follows_the_path(tmp_path: Path, filters: str) -> None:
+    """0.5 to 0.7 um measured; planted: positions with three digits."""
+    model = replace(robot_of("planar5_nmp"), servo=flexgen.read(with_servo(tmp_path, PLAIN + filters)).servo)
+    library = flexgen.load(flexgen.generate(model, tmp_path / "s", parts=["position"], precision="single").directory)
+    own: dict[str, Any] = {"filters": SECTIONS} if filters else {}
+    for found in (inverted(model, library), streamed(model, library)):
+        exact = SimpleNamespace(t=found.t, **{name: np.asarray(getattr(found, name), float) for name in NAMES})
+        assert found.command_m.dtype == np.float32 and error_in_mujoco(model, exact, **own) < 2e-6
+        exact.command_m = exact.command_m.astype(np.float16).astype(float)
+        assert error_in_mujoco(model, exact, **own) > 1e-5
+    if not filters:
+        assert error_of_table(model, library) < 2e-6 and error_of_windows(model, library, 8) < 2e-6
+
+
 @pytest.mark.full
 def test_mujoco_of_six_axes_with_the_commands_of_c(tmp_path: Path) -> None:
     usual = flexgen.command_positions(robot_of("manutec_r3_18"), progress=False)

@@ -164,7 +164,7 @@ NOTCH, LOW_PASS = "notch = [{ frequency_hz = 60.0 }]\n", "low_pass = [{ frequenc
         (["position"], "double", [], NOTCH),
         (["position", "force"], "double", [], LOW_PASS),
         (["limits"], "double", [], ""),
-        (["limits", "force"], "single", ["payload", "damping"], ""),
+        (["limits", "force", "position"], "single", ["payload", "damping"], LOW_PASS),
     ],
 )
 def test_libraries_with_optional_parts_compile_without_a_warning(parts, precision, parameters, filters, tmp_path):
