@@ -172,7 +172,10 @@ def _check_uncertainty(table: Table, here: Context) -> None:
 UNCERTAINTY = Format(
     "what is known about the accuracy of the numbers",
     (
-        *(Key(kind, _SD, _SPREAD.format(f"each {kind}"), default=0.0) for kind in KINDS),
+        *(
+            Key(kind, _SD, _SPREAD.format(f"each {kind.replace('_', ' ').removesuffix('es')}"), default=0.0)
+            for kind in KINDS
+        ),
         Key("payload", number(least=0.0), "standard deviation of the mass of the payload", "kg", 0.0),
         Key("delay", number(least=0.0), "standard deviation of what the torques are late in addition", "s", 0.0),
         Key("common", words(), "kinds whose numbers all have the same relative error", default=()),

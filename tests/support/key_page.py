@@ -30,8 +30,10 @@ from flexgen.position_servo.keys import LOW_PASS, NOTCH, SERVO_TABLE
 from flexgen.spec.keys import REQUIRED, Form, Key, Kinds, Schema
 from flexgen.spec.memory import HYSTERESIS, LUGRE
 from flexgen.spec.schema import key_schemas
+from flexgen.spec.tables import LARGEST
 from flexgen.sweeps.grid_file import GRID, RANDOM
 
+HUGE = 1e9  # bounds that no user reaches
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "model_keys.md"
 TABLES: dict[str, Form] = {
     "The file": MODEL,
@@ -147,8 +149,7 @@ def value_text(schema: Schema) -> str:
         return ", ".join(f"`{word}`" for word in schema["enum"])
     kind = schema.get("type", "")
     if kind == "number":
-        least = schema.get("minimum")
-        return "number > 0" if "exclusiveMinimum" in schema else "number >= 0" if least == 0.0 else "number"
+        return _number_text(schema)
     if kind == "integer":
         return f"whole number from {schema['minimum']} to {schema['maximum']}"
     if kind == "array":
@@ -160,6 +161,17 @@ def value_text(schema: Schema) -> str:
     if kind == "string":
         return "name" if "pattern" in schema else "text"
     return " or ".join(dict.fromkeys(value_text(one) for one in schema["anyOf"]))
+
+
+def _number_text(schema: Schema) -> str:
+    """A number with its bounds, but for those that all numbers have."""
+    least, most = schema.get("minimum", -LARGEST), schema.get("maximum", LARGEST)
+    most = LARGEST if most >= HUGE else most
+    bounds = [f"> {schema['exclusiveMinimum']:g}"] if "exclusiveMinimum" in schema else []
+    if least > -LARGEST and most < LARGEST:
+        return f"number from {least:g} to {most:.10g}"
+    bounds += [f">= {least:g}"] * (least > -LARGEST) + [f"<= {most:.10g}"] * (most < LARGEST)
+    return f"number {', '.join(bounds)}".rstrip()
 
 
 def _list_text(schema: Schema) -> str:
