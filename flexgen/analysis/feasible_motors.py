@@ -1,4 +1,4 @@
-"""Motors that no robot has: a friction that gives energy, or a rotor with an inertia below zero."""
+"""Motors that no model file has: a friction or a rotor below zero, by more than its doubt and a part of the torque."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ SMALL = 0.02  # of the torque of a motor: smaller parts can be those of another 
 
 
 def is_possible(
-    model: RobotModel, columns: np.ndarray, numbers: np.ndarray, covariance: np.ndarray, torque: np.ndarray
+    model: RobotModel,
+    columns: np.ndarray,
+    numbers: np.ndarray,
+    covariance: np.ndarray,
+    torque: np.ndarray,
+    fades: np.ndarray,
 ) -> bool:
     """Whether motors that were found in a motion are those of a robot.
 
@@ -24,14 +29,14 @@ def is_possible(
     numbers, covariance : arrays (n_m, k), (n_m k, n_m k)
     torque : array (n_m,) [N m]
         Deviation of the torques.
+    fades : array (n_m,)
+        Not zero for a friction that falls with speed: its size is in the last column but one.
     """
     count = numbers.shape[1]
     for j, motor in enumerate(model.motors):
         rotor = motor.inertia * np.abs(model.eta[j]).max() * (np.arange(count) == 3)
-        for part in ([0, 1], [3]):
-            X, here, at = columns[:, j, part], (numbers[j] + rotor)[part], j * count + np.array(part)
-            power = X.T @ X[:, 0]  # of friction; of a rotor, times its acceleration
-            sd = np.sqrt(power @ covariance[np.ix_(at, at)] @ power)
-            if power @ here < -DOUBT * sd and np.sqrt(np.mean((X @ here) ** 2)) > SMALL * torque[j]:
+        for k in (0, 1, 3, *[count - 2] * bool(fades[j])):
+            here, sd = (numbers[j] + rotor)[k], np.sqrt(covariance[j * count + k, j * count + k])
+            if here < -DOUBT * sd and -here * np.sqrt(np.mean(columns[:, j, k] ** 2)) > SMALL * torque[j]:
                 return False
     return True

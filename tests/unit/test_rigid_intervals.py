@@ -81,11 +81,26 @@ def test_motors_give_no_energy() -> None:
     v = np.sin(np.arange(200.0))
     F = np.stack([np.stack([v, np.sign(v), np.ones(200), np.cos(np.arange(200.0))], axis=1)] * 2, axis=1)
     fine, sure, torque = np.array([[0.5, 1.0, -9.0, 0.0]] * 2), 1e-6 * np.eye(8), np.ones(2)
-    assert is_possible(model, F, fine, sure, torque)
+    none = np.zeros(2)
+    assert is_possible(model, F, fine, sure, torque, none)
     for column, value in ((0, -3.0), (1, -1.0), (3, -0.1 - model.motors[1].inertia * ratio[1])):
         numbers = fine.copy()
         numbers[1, column] = value
-        assert not is_possible(model, F, numbers, sure, torque)
-        assert is_possible(model, F, numbers, 4 * np.eye(8), torque) and is_possible(
-            model, F, numbers, sure, 1e3 * torque
-        )
+        assert not is_possible(model, F, numbers, sure, torque, none)
+        assert is_possible(model, F, numbers, 4 * np.eye(8), torque, none)
+        assert is_possible(model, F, numbers, sure, 1e3 * torque, none)
+
+
+def test_a_friction_that_falls_with_speed_is_larger_at_rest() -> None:
+    """Not smaller, and no friction makes up for another: a model file has none below zero."""
+    model, v = flexgen.read("elbow@rigid"), np.sin(np.arange(200.0))
+    rows = [v, np.sign(v), np.ones(200), np.cos(np.arange(200.0)), np.sign(v) / np.cosh(3 * v), 0 * v]
+    F, torque, sure = np.stack([np.stack(rows, axis=1)] * 2, axis=1), np.ones(2), 1e-6 * np.eye(12)
+    numbers = np.array([[0.5, 1.0, 0.0, 0.0, -0.3, 0.0]] * 2)
+    assert not is_possible(model, F, numbers, sure, torque, np.array([0.0, 3.0]))
+    assert is_possible(model, F, numbers, sure, torque, np.zeros(2))  # a harmonic of a counterbalance
+    assert is_possible(model, F, numbers, 0.1 * np.eye(12), torque, np.array([0.0, 3.0]))
+    numbers[:, 4] = 0.3
+    assert is_possible(model, F, numbers, sure, torque, np.full(2, 3.0))
+    numbers[:, [0, 1, 4]] = 2.0, -0.4, 2.0
+    assert not is_possible(model, F, numbers, sure, torque, np.full(2, 3.0))

@@ -39,8 +39,8 @@ class RigidStatus(ExplainedStatus):
     )
     MODEL_ERROR = (
         "model error",
-        "The model leaves more than a third of the torque of a motor unexplained, has a friction that gives energy or "
-        "errors that one mistake explains, or the fit does not converge.",
+        "The model leaves more than a third of the torque of a motor unexplained, has a friction or a rotor below zero "
+        "or errors that one mistake explains, or the fit does not converge.",
         "Check units, signs, sides and offsets of the recordings, the directions of the joints, gear ratios, gravity, "
         "payload and counterbalance.",
     )

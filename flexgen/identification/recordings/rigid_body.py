@@ -209,7 +209,7 @@ def identify_rigid(
         flat, at = _with_fades(flat, flat.fades + more, at)
     there = None if parts == 0 else _leave_out(columns, weak, at, sd, parts)
     status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
-    possible = is_possible(robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale)
+    possible = is_possible(robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale, flat.fades)
     settled = change < max(SETTLED_S, SETTLED_SD * np.sqrt(found[-1, -1]))
     if mistake is not None or not settled or not possible:
         status = RigidStatus.MODEL_ERROR
