@@ -144,7 +144,7 @@ def _of_class(kind: Any, result: bool) -> Check | None:
     if issubclass(kind, os.PathLike):
         return Check(lambda value: isinstance(value, os.PathLike) and is_text(os.fspath(value)), "a path")
     if kind.__name__ == "ndarray":
-        return Check(_is_any_array, "an array") if result else Check(_is_array, "an array of numbers")
+        return Check(_is_any_array, "an array") if result else Check(_is_array, "an array of numbers without nan")
     if kind in (tuple, list) or kind is Sequence:
         return _sequence(None)
     own = kind.__module__.startswith("flexgen") or isinstance(kind, LateClass)
@@ -196,7 +196,15 @@ def _sequence(entry: Check | None) -> Check:
         items = items_of(value)
         return items is not None and (entry is None or all(map(entry.passes, items)))
 
-    return Check(passes, "a sequence" if entry is None else f"a sequence with {entry.words} in each place")
+    return Check(passes, _sequence_words(entry))
+
+
+def _sequence_words(entry: Check | None) -> str:
+    if entry is None:
+        return "a sequence"
+    if entry.words.startswith("a sequence"):
+        return f"a sequence of {entry.words[2:].replace('sequence', 'sequences', 1)}"
+    return f"a sequence with {entry.words} in each place"
 
 
 def _iterable(entry: Check | None) -> Check:
@@ -208,7 +216,7 @@ def _iterable(entry: Check | None) -> Check:
             return isinstance(value, Iterable) and not isinstance(value, str | bytes | bytearray | Mapping)
         return entry is None or all(map(entry.passes, items))
 
-    return Check(passes, "a sequence" if entry is None else f"a sequence with {entry.words} in each place")
+    return Check(passes, _sequence_words(entry))
 
 
 def _tuple(entries: Sequence[Check | None]) -> Check:

@@ -184,3 +184,17 @@ def test_names_of_own_checks_are_parameters_and_late_names_are_classes(monkeypat
         own = call.__checks__.own if hasattr(call, "__checks__") else ()
         assert set(own) <= set(checks_of(each.call)), each.name
     assert late and all(inspect.isclass(getattr(flexgen, name)) for name in late)
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (Sequence[str], "a sequence with a text in each place"),
+        (Sequence[Sequence[float]], "a sequence of sequences with a number in each place"),
+        (Sequence[Sequence[Sequence[str]]], "a sequence of sequences of sequences with a text in each place"),
+        (np.ndarray, "an array of numbers without nan"),
+    ],
+)
+def test_types_in_words(kind: object, words: str) -> None:
+    found = check_of(kind)
+    assert found is not None and found.words == words
