@@ -338,6 +338,8 @@ SLOW_CASES = {
         "12-False",
         "8-True",
         "2-False",
+        "2-True",
+        "1e-08",
         "1e-11",
         "1e-09",
         "dense7",
