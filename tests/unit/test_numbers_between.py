@@ -18,7 +18,7 @@ from flexgen.torque_curve import POLYNOMIALS
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
 def test_a_motion_whose_acceleration_jumps_is_its_integral(degree: int) -> None:
-    """Two intervals of ten steps with other polynomials; angle and speed go on, integrated by hand."""
+    """Two intervals of ten steps with other polynomials; angle and speed continue, integrated by hand."""
     parts = [np.array([2.0, -1.0, 0.5, 3.0])[: degree + 1], np.array([-4.0, 2.5, 1.0, -2.0])[: degree + 1]]
     start: list[Any] = [(0.3, -0.2)]
     powers = np.arange(degree + 1)

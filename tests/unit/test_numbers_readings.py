@@ -41,7 +41,7 @@ def test_elements_of_a_file_have_their_lines() -> None:
         ),
     ],
 )
-def test_texts_that_are_no_urdf_file(text: bytes, said: str) -> None:
+def test_texts_that_are_refused_as_a_urdf_file(text: bytes, said: str) -> None:
     with pytest.raises(xml_lines.MarkupError) as refused:
         xml_lines.parse(text)
     assert str(refused.value) == said
