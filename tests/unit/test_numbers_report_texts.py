@@ -1,0 +1,167 @@
+"""Texts of reports of made-up results: drives of robots, failures of sweeps, segments of paths, and errors of poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace as Made
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import flexgen
+from flexgen.loop.result import output_errors
+from flexgen.reports import texts
+
+
+@pytest.mark.parametrize(
+    ("coordinate", "drive", "stiffness", "damping"),
+    [
+        ({"unit": "rad", "gear": {"type": "rigid"}}, "rigid gear", None, None),
+        (
+            {"unit": "rad", "gear": {"type": "elastic", "spring": {"type": "linear", "stiffness": 2e4}, "side": "arm"}},
+            "elastic gear, linear, arm side",
+            "20000 N m/rad",
+            "0 N m s/rad",
+        ),
+        (
+            {
+                "unit": "m",
+                "gear": {
+                    "type": "elastic",
+                    "spring": {"type": "smooth", "low": 50.5},
+                    "side": "motor",
+                    "damping": 2.5,
+                    "hysteresis": [{"lost_motion": 1e-3}, {"lost_motion": 2.5e-4}],
+                },
+            },
+            "elastic gear, smooth, motor side, lost motion 0.00125 m",
+            "50.5 N m/rad",
+            "2.5 N m s/rad",
+        ),
+        (
+            {
+                "unit": "rad",
+                "gear": {
+                    "type": "elastic",
+                    "spring": {"type": "linear", "stiffness": 3.0},
+                    "side": "arm",
+                    "hysteresis": {"lost_motion": 0.02},
+                },
+            },
+            "elastic gear, linear, arm side, lost motion 0.02 rad",
+            "3 N m/rad",
+            "0 N m s/rad",
+        ),
+        (
+            {"unit": "m", "spring": {"type": "linear", "stiffness": 10.0}, "damping": 1.5},
+            "spring, linear",
+            "10 N/m",
+            "1.5 N s/m",
+        ),
+        ({"unit": "rad"}, "beam bending", None, None),
+    ],
+)
+def test_the_drive_of_a_coordinate_in_words(
+    coordinate: dict[str, Any], drive: str, stiffness: str | None, damping: str | None
+) -> None:
+    assert texts._drive(coordinate) == drive
+    assert texts._stiffness(coordinate) == (stiffness, damping)
+
+
+def test_ratios_and_outputs_in_words() -> None:
+    assert texts._ratio(-80.5, "rad/rad") == "-80.5" and texts._ratio(628.3185, "rad/m") == "628.3 rad/m"
+    assert texts._output({"type": "tool_position", "axes": "xz", "size": 2}) == "tool_position xz (2 scalars)"
+    assert texts._output({"type": "combination", "axes": "", "size": 1}) == "combination (1 scalars)"
+
+
+def test_reasons_of_failed_cases() -> None:
+    """Five reasons, of each five cases; the others are counted."""
+    groups = [{"cases": [3], "reason": "alone"}, {"cases": [1, 2], "reason": "both"}]
+    groups += [{"cases": list(range(10, 16)), "reason": "many"}]
+    lines = texts.failure_lines(groups, "results.npz")
+    assert lines == [
+        "case 3 failed: alone",
+        "2 cases failed (1, 2), for example case 1: both",
+        "6 cases failed (10, 11, 12, 13, 14, ...), for example case 10: many",
+    ]
+    more = [{"cases": [k, k + 100], "reason": f"r{k}"} for k in range(7)]
+    found = texts.failure_lines(more, "results.npz")
+    assert len(found) == 6 and found[-1] == "4 more cases failed for other reasons; see results.npz"
+
+
+def test_details_of_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Details that are empty are left out; the simulation has its own figures."""
+    rows: list[Any] = []
+    monkeypatch.setattr(texts, "figures", lambda given: rows.extend(given) or "figures")  # type: ignore[func-returns-value]
+    details = {"a_b": 2.5, "c": [], "d": None, "e": {}, "f": "", "g": [1, 2], "h": 0}
+    run = Made(integrator="DOP853", evaluations=120, wall_s=0.5)
+    for simulation, more in ((None, 0), (run, 3)):
+        rows.clear()
+        solution: Any = Made(details=details, simulation=simulation, status=flexgen.Status.SOLVED)
+        text = texts.solution_details(solution)
+        assert rows[:3] == [("a b", 2.5, ""), ("g", "[1, 2]", ""), ("h", 0, "")] and len(rows) == 3 + more
+        assert text.startswith("figures\n\nsolved: ")
+    assert rows[3:] == [
+        ("integrator of the simulation", "DOP853", ""),
+        ("evaluations of the equations of motion", 120, ""),
+        ("wall time of the simulation", 0.5, "s"),
+    ]
+    bare: Any = Made(details={}, simulation=None, status=flexgen.Status.SOLVED)
+    assert texts.solution_details(bare).startswith("solved: ")
+
+
+def test_segments_of_a_path_and_files_of_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    segment = {"space": "tool", "start_s": 0.0, "duration_s": 1.25, "smoothness": 5}
+    path: Any = Made(
+        equations=Made(model=Made(name="r")),
+        move=Made(name="line"),
+        duration=2.0,
+        to_dict=lambda: {"segments": [segment, segment | {"start_s": 1.25, "duration_s": 0.75}]},
+    )
+    lines = texts.text_of_path(path).splitlines()
+    assert lines[0] == "r, line: 2 s" and [line.split() for line in lines[-2:]] == [
+        ["1", "tool", "0", "1.25", "5"],
+        ["2", "tool", "1.25", "0.75", "5"],
+    ]
+    reasons: list[str | None] = [None, "it has a beam"]
+    monkeypatch.setattr("flexgen.codegen.c_functions.inversion_reason", lambda robot, functions: reasons.pop(0))
+    files = [Path("o/r.h"), Path("o/src/a.c"), Path("o/src/b.h"), Path("o/README.md")]
+    robot: Any = Made(title="r@v")
+    library: Any = Made(
+        cached=False, seconds=1.26, written=files, directory=Path("o"), functions=["f", "g"], files=files
+    )
+    assert texts.library_text(robot, library) == (
+        "r@v: built in 1.3 s in o\n\nfunctions: f, g\n\nwrote o/r.h\nwrote o/README.md\nwrote o/src (2 sources)"
+    )
+    library.cached, library.written = True, []
+    assert texts.library_text(robot, library) == (
+        "r@v: nothing has changed in o\n\nfunctions: f, g\n\n"
+        "not in this library: invert and stream, because it has a beam"
+    )
+
+
+def test_errors_of_a_pose_are_lengths_and_an_angle() -> None:
+    """Tools that are turned about z by 0.1 and 0.2 more than their references."""
+    q = ca.SX.sym("q", 2)
+
+    def turn(x: Any) -> Any:
+        c, s = ca.cos(x), ca.sin(x)
+        return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
+
+    functions = {
+        "output": ca.Function("output", [q], [ca.vertcat(q[0], 2 * q[1])]),
+        "forward_kinematics": ca.Function("f", [q], [ca.SX.zeros(3), turn(q[0])]),
+    }
+    equations: Any = Made(function=functions.__getitem__)
+    at = np.array([[0.5, 1.0], [0.9, 2.0]])
+    R = np.array([np.array(ca.DM(turn(x))) for x in (0.4, 0.7)])
+    reference: Any = Made(y_ref=np.array([[0.25, 1.0], [1.0, 1.0]]), R_ref=R.reshape(2, 9))
+    far, angle = output_errors(equations, reference, at)
+    assert_allclose(far, [[0.25, 1.0], [-0.1, 3.0]], rtol=1e-14)
+    assert angle is not None
+    assert_allclose(angle, [0.1, 0.2], rtol=1e-7)
+    reference.R_ref = None
+    assert output_errors(equations, reference, at)[1] is None
