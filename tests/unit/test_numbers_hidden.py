@@ -14,13 +14,15 @@ from numpy.testing import assert_allclose
 
 import flexgen
 from flexgen.environment.sense import encoder_error
-from flexgen.errors import SolverError
-from flexgen.inversion import motor_side
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion import motor_side, problem
 from flexgen.loop import robustness
 from flexgen.mechanics import motor_harmonics
+from flexgen.mechanics.equations import derive
 from flexgen.mechanics.limit_use import LimitUse
 from flexgen.memory import hysteresis_law
 from flexgen.reports.identification_texts import plan_text
+from flexgen.runtime import stream
 from flexgen.servo.fit_result import ServoFit
 from flexgen.servo.samples import basis, fit_within
 from flexgen.spec.fourier import FourierSum
@@ -65,6 +67,54 @@ def test_deflections_of_damped_gears_follow_their_torque_late() -> None:
         half = p + step * rate(p, n * step)
         p = (p + half + step * rate(half, (n + 1) * step)) / 2
     assert_allclose(found[1], p, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("damping", "late"), [(3e4, True), (0.5, False), (0.0, False)])
+def test_deflections_and_their_rates_follow_rising_torques(damping: float, late: bool) -> None:
+    """``D p' + K p = a + b t`` from the deflection at rest; where D is tiny, to first order in D/K."""
+    gear = {"element.upper.dof.q1.gear.damping": damping} if damping else {"element.upper.dof.q1.gear.damping": 0.0}
+    model = flexgen.read("elbow", overrides=gear | {"element.fore.dof.q2.gear.damping": 0.0})
+    springs: Any = [dof.gear.spring for element in model.elements for dof in element.dofs if dof.gear is not None]
+    K = springs[0].stiffness
+    t, a, b = np.linspace(0.0, 0.2, 41), np.array([1e3, -50.0]), np.array([4e4, 20.0])
+    tau = np.stack([a + b * t[:, None], np.tile(b, (41, 1)), np.zeros((41, 2))], axis=2)
+    p, dp, ddp = motor_side.deflections(derive(model), t, tau)
+    assert_allclose(p[:, 1], (a[1] + b[1] * t) / springs[1].stiffness, rtol=1e-12)
+    assert_allclose(dp[:, 1], b[1] / springs[1].stiffness, rtol=1e-12)
+    assert_allclose(ddp[:, 1], 0.0, atol=1e-15)
+    follow = (a[0] + b[0] * t - b[0] * damping / K) / K
+    if not late:
+        assert_allclose(p[:, 0], follow, rtol=1e-12)
+        assert_allclose(dp[:, 0], b[0] / K, rtol=1e-9)
+        return
+    gone = np.exp(-K / damping * t)
+    lag = b[0] * damping / K**2
+    assert_allclose(p[:, 0], follow + lag * gone, rtol=1e-9)
+    assert_allclose(dp[:, 0], b[0] / K - lag * K / damping * gone, rtol=1e-6, atol=1e-9)
+    assert_allclose(ddp[:, 0], lag * (K / damping) ** 2 * gone, rtol=1e-6, atol=1e-6)
+
+
+def test_graded_nodes_end_where_they_reach_the_time_before_the_path() -> None:
+    """Intervals of 1/4 and 3/8 are 5/8 s; for a little more there is a third one, and all are scaled."""
+    found: Any = problem._graded_nodes(0.625, 9.0, 0.25)
+    assert_allclose(found, [-0.625, -0.25, 0.0])
+    found = problem._graded_nodes(0.626, 9.0, 0.25)
+    assert_allclose(found, -np.array([1.1875, 0.625, 0.25, 0.0]) * 0.626 / 1.1875)
+
+
+@pytest.mark.parametrize("pushed", [False, True])
+def test_samples_of_a_stream_that_starts_in_motion(pushed: bool) -> None:
+    """As many as its horizon and those before it; a force has three columns for each output."""
+    entries = Made(interface=Made(limits={"STREAM_MORE_SAMPLES": 3}), real=np.dtype(float))
+    own: Any = Made(intervals=4, _entries=entries, _sizes={"n_t": 2, "n_y": 1})
+    y, dy, force = np.ones((7, 2)), np.ones((7, 1)), np.ones((7, 3))
+    found = stream.Stream._samples(own, y, dy, 2 * dy, force if pushed else None)
+    assert {name: x.shape for name, x in found.items()} == {"y": (7, 2), "dy": (7, 1), "ddy": (7, 1)} | (
+        {"force": (7, 3)} if pushed else {}
+    )
+    for wrong in ((y[:6], dy, dy, None), (y, y, dy, None), (y, dy, dy, np.ones((7, 1)))):
+        with pytest.raises(ArgumentError, match=r"^stream"):
+            stream.Stream._samples(own, *wrong)
 
 
 # --- harmonics --------------------------------------------------------------------------------------------------------
