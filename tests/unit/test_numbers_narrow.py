@@ -12,6 +12,8 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.gears import fit
+from flexgen.identification.parameters import DELAY
+from flexgen.identification.result import Estimated
 from flexgen.loop.noises import Noises
 from flexgen.loop.timing import Timing
 
@@ -100,3 +102,20 @@ def test_noises_are_parts_of_the_largest_torques() -> None:
     with pytest.raises(ArgumentError, match=r"^tool_force: given -1\.0, expected a number >= 0"):
         Noises(robot, tool_force=-1.0)
     assert Noises(robot, tool_force=0.0).tool_force == 0.0
+
+
+# --- identified numbers -----------------------------------------------------------------------------------------------
+def test_relative_errors_of_numbers_are_those_of_their_logarithms() -> None:
+    """Of others over their values; tied numbers as theirs; numbers of the drives and those that are zero left out."""
+    unknowns = [
+        Made(name="a.stiffness", tied=("b.stiffness",), scale="log"),
+        Made(name="m.coulomb", tied=(), scale="linear"),
+        Made(name="m.offset", tied=(), scale="linear"),
+        Made(name=DELAY, tied=(), scale="linear"),
+    ]
+    values = {"a.stiffness": 5.0, "b.stiffness": 7.0, "m.coulomb": 0.25, "m.offset": 0.0, DELAY: 1e-3}
+    own: Any = Made(vector=Made(unknowns=unknowns, named=lambda x: values), x=None)
+    C = np.array([[4.0, 0.5, 9.0, 9.0], [0.5, 2.0, 9.0, 9.0], [9.0, 9.0, 9.0, 9.0], [9.0, 9.0, 9.0, 9.0]])
+    names, found = Estimated._relative_covariance(own, C)
+    assert names == ["a.stiffness", "b.stiffness", "m.coulomb"]
+    assert_allclose(found, [[4.0, 4.0, 2.0], [4.0, 4.0, 2.0], [2.0, 2.0, 32.0]])
