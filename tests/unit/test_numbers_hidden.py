@@ -106,13 +106,13 @@ def test_graded_nodes_end_where_they_reach_the_time_before_the_path() -> None:
 def test_samples_of_a_stream_that_starts_in_motion(pushed: bool) -> None:
     """As many as its horizon and those before it; a force has three columns for each output."""
     entries = Made(interface=Made(limits={"STREAM_MORE_SAMPLES": 3}), real=np.dtype(float))
-    own: Any = Made(intervals=4, _entries=entries, _sizes={"n_t": 2, "n_y": 1})
-    y, dy, force = np.ones((7, 2)), np.ones((7, 1)), np.ones((7, 3))
+    own: Any = Made(intervals=4, _entries=entries, _sizes={"n_t": 3, "n_y": 2})
+    y, dy, force = np.ones((7, 3)), np.ones((7, 2)), np.ones((7, 6))
     found = stream.Stream._samples(own, y, dy, 2 * dy, force if pushed else None)
-    assert {name: x.shape for name, x in found.items()} == {"y": (7, 2), "dy": (7, 1), "ddy": (7, 1)} | (
-        {"force": (7, 3)} if pushed else {}
+    assert {name: x.shape for name, x in found.items()} == {"y": (7, 3), "dy": (7, 2), "ddy": (7, 2)} | (
+        {"force": (7, 6)} if pushed else {}
     )
-    for wrong in ((y[:6], dy, dy, None), (y, y, dy, None), (y, dy, dy, np.ones((7, 1)))):
+    for wrong in ((y[:6], dy, dy, None), (y, y, dy, None), (y, dy, dy, np.ones((7, 2)))):
         with pytest.raises(ArgumentError, match=r"^stream"):
             stream.Stream._samples(own, *wrong)
 
