@@ -1,4 +1,4 @@
-"""Residuals half way between samples of motions with states, and the forces of a process on the page of a run."""
+"""Residuals at the midpoints of motions with states, and the forces of a process on the page of a run."""
 
 from __future__ import annotations
 

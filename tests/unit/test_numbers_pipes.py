@@ -1,4 +1,4 @@
-"""Controllers of others in a process of their own: messages in and out, of `flexgen.benchmarks.foreign_process`."""
+"""Controllers of others in a separate process: messages in and out, of `flexgen.benchmarks.foreign_process`."""
 
 from __future__ import annotations
 
