@@ -73,7 +73,8 @@ class Exported(Result):
     def to_dict(self) -> dict[str, Any]:
         """As JSON types; the details are entries of their own."""
         data = super().to_dict()
-        return data | {"directory": str(self.directory)} | data.pop("details")
+        details = data.pop("details")
+        return data | {"directory": str(self.directory)} | details
 
     def summary(self) -> str:
         """The files and what is in them, then the notes, a line each."""

@@ -69,6 +69,8 @@ def test_what_an_export_returns(tmp_path: Path) -> None:
     assert made == again and hash(made) == hash(again)
     plain = Exported("kind", "elbow", tmp_path, files)
     assert plain.summary() == f"wrote {files[0]}\nwrote {files[1]}" and plain.directory == tmp_path
+    detailed = Exported("kind", "elbow", tmp_path, files, details={"token": "t"}).to_dict()
+    assert detailed["token"] == "t" and "details" not in detailed and detailed["directory"] == str(tmp_path)
     assert left_out(model) == ()
     tracker = {"name": "p", "type": "tracker", "unit": "m"}
     error = {"harmonics": [1], "cos": [1e-3], "sin": [0.0]}
