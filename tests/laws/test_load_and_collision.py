@@ -52,6 +52,16 @@ def test_the_error_is_within_three_standard_deviations():
     assert np.all(np.abs(found.com - flexgen.read("manutec_r3").payload.com) < 3 * found.com_sd)
 
 
+@pytest.mark.slow
+def test_no_load_is_found_in_noise():
+    """Steps between first moments that noise hides were no solution."""
+    data, rng = record("manutec_r3", {"payload": 0.0}), np.random.default_rng(0)
+    tau = data["tau_m"] + 0.05 * rng.standard_normal(data["tau_m"].shape)
+    noisy = type(data)(data.time, {**data.channels, "tau_m": tau}, data.ports, data.labels, data.meta, data.units)
+    found = flexgen.identify_load("manutec_r3", noisy)
+    assert abs(found.mass) < 2 * found.mass_sd < 0.2 and "center of mass not determined" in str(found)
+
+
 def test_records_that_do_not_fit_are_refused():
     data = record("planar5_nmp", {})
     with pytest.raises(ArgumentError, match="given 2 columns of q_m, expected 6"):
