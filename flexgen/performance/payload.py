@@ -29,7 +29,7 @@ from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.gains import lowest_locked_hz
 from flexgen.mechanics.equations import Equations, derive, robot_of
-from flexgen.mechanics.statics import gear_deflection
+from flexgen.mechanics.statics import gear_deflection, reach
 from flexgen.memory.hysteresis import without_hysteresis
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import refuse_harmonics
@@ -48,7 +48,7 @@ DEFLECTION_STEPS = 3  # deflections change the torques by little, these change t
 ENDS, LEAST = 0.5, 0.05  # s at both ends of a record that the low pass spoils, and between them
 NOISE_BAND = 3 * np.pi / 4 / np.sqrt(2)  # of white noise through the low pass, both sides, over its frequency
 FEWEST = 200  # samples
-FARTHEST = 3.0  # m, center of mass of the whole payload
+FARTHEST = 3.0  # m, center of mass of the whole payload; the reach of a robot with a longer one
 AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 FRICTION_SD = 0.3  # relative, of each motor
@@ -198,6 +198,7 @@ class _Estimate:
         self.to_arm = np.linalg.inv(robot.eta).T
         self.q_m = self._smooth(q_m)
         self.nominal = derive(robot)
+        self.farthest = max(FARTHEST, reach(self.nominal))
         self.q_geared = np.zeros((len(q_m), robot.n_a))  # arm angles behind the gears; they do not depend on the load
         self.q_geared[:, list(robot.i_g)] = self.q_m @ self.to_arm
         if not rigid:
@@ -245,7 +246,7 @@ class _Estimate:
         """What the inertia of the payload of the file and the load, a point mass, is more than that of the payload."""
         mass, com = self.of_file[-4], self.of_file[-3:]
         load, moved = values[0] - mass, values[0] * (values[1:] - com)
-        if np.linalg.norm(moved) >= abs(load) * FARTHEST:
+        if np.linalg.norm(moved) >= abs(load) * self.farthest:
             return np.zeros(len(AXES))
         x, y, z = moved / load
         own = np.array([y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -y * z, -x * z])
@@ -257,11 +258,11 @@ class _Estimate:
         count, scale = LOAD + self.friction.shape[1], self.scale
         x = np.concatenate([[own + 1.0], (own + 1.0) * center, np.zeros(count - 4)])
         about = np.column_stack([-center, np.eye(3)])  # first moments about the center of mass of the file
-        start = values_of(x)
+        start = values_of(x, self.farthest)
         friction = evaluate(self.nominal.function("arm_forces"), *self.motion(start)[:2])[0].reshape(-1, self.robot.n_a)
 
         def residual(x: np.ndarray) -> np.ndarray:
-            load = values_of(x)
+            load = values_of(x, self.farthest)
             tau = self._low_pass(self.forces(*self.motion(load), load) - friction)
             needed = (self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:]))[self.kept]
             return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - needed) / scale)
@@ -311,7 +312,7 @@ class _Estimate:
         com_sd = np.sqrt(np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0))
         left = np.sqrt((r**2).mean(axis=0)) * scale
         friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
-        total = values_of(x)
+        total = values_of(x, self.farthest)
         return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), total[1:], left, float(x[4]), friction)
 
     def _variance(self, r: np.ndarray) -> float:
@@ -333,9 +334,9 @@ class _Estimate:
         return np.asarray(changes.T @ changes * (1.0 - 1.0 / len(blocks)))
 
 
-def values_of(x: np.ndarray) -> np.ndarray:
+def values_of(x: np.ndarray, farthest: float) -> np.ndarray:
     """Mass and center of mass from mass and first moments; that of a mass that is nearly zero is kept near."""
-    return np.concatenate([x[:1], np.clip(x[1:4] / x[0], -FARTHEST, FARTHEST)])
+    return np.concatenate([x[:1], np.clip(x[1:4] / x[0], -farthest, farthest)])
 
 
 def _is_determined(J: np.ndarray, prior: np.ndarray) -> bool:

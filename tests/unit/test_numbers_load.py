@@ -23,7 +23,7 @@ def estimate(
     made: Any = object.__new__(payload._Estimate)
     made.robot = Made(n_a=3, i_g=(0, 2), name="arm")
     made.of_file = np.array([7.0, own, 0.1, -0.05, 0.2])
-    made.kept, made.h, made.effective = KEPT, 0.01, 30.0
+    made.kept, made.h, made.effective, made.farthest = KEPT, 0.01, 30.0, 3.0
     made.slopes = rng.normal(size=(SAMPLES, 3, 4)) * [1, 2, 3, 4]
     made.slopes[:, :, shown:] = 0.0
     made.in_arm, made.late = rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 2))
@@ -131,5 +131,5 @@ def test_a_direction_that_no_motion_shows_is_known_by_the_file(monkeypatch: pyte
 
 
 def test_the_center_of_a_mass_that_is_nearly_zero_is_near() -> None:
-    assert_allclose(payload.values_of(np.array([2.0, 0.4, -0.2, 0.0, 9.0])), [2.0, 0.2, -0.1, 0.0])
-    assert_allclose(payload.values_of(np.array([1e-6, 0.01, -0.01, 1e-6, 9.0])), [1e-6, 3.0, -3.0, 1.0])
+    assert_allclose(payload.values_of(np.array([2.0, 0.4, -0.2, 0.0, 9.0]), 3.0), [2.0, 0.2, -0.1, 0.0])
+    assert_allclose(payload.values_of(np.array([1e-6, 0.01, -0.01, 1e-6, 9.0]), 3.0), [1e-6, 3.0, -3.0, 1.0])
