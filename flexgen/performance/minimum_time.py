@@ -39,7 +39,7 @@ from flexgen.paths.place_force import force_along, make_place_force, of_motion
 from flexgen.performance.program_time import ProgramSearch, legs_of
 from flexgen.performance.rigid_time import rigid_time
 from flexgen.performance.stated_speeds import stated_speeds
-from flexgen.performance.time_search import FINER, KEPT, MESH_S, TimeSearch
+from flexgen.performance.time_search import FEWEST, FINER, KEPT, MESH_S, TimeSearch
 from flexgen.progress import Choice, reported
 from flexgen.registry import find_function
 from flexgen.results import Result
@@ -358,7 +358,7 @@ def _find_fastest(
         over = _excesses(found, own, search.windows(x))
         if over.max() <= KEPT:
             break
-        fine = max(MESH_S / FINER, timed.duration / INTERVALS)
+        fine = max(min(MESH_S, timed.duration / FEWEST) / FINER, timed.duration / INTERVALS)
         if mesh is None and found.method == "lq" and fine < (found.mesh_s or np.inf):
             mesh = fine  # torques ripple with the mesh, and their rates more
         else:

@@ -12,7 +12,7 @@ from flexgen.library.model_library import library_with
 from flexgen.loop.case import TOOL_FORCE
 from flexgen.loop.closed_loop import TOOL, ClosedLoop
 from flexgen.loop.controllers import Cascade
-from flexgen.loop.gains import PPI
+from flexgen.loop.gains import PPI, lowest_locked_hz
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.hysteresis import hysteretic_robots, largest_rate, split_plants, without_states
 from flexgen.loop.plants import LocalDynamics, plants_of
@@ -24,9 +24,10 @@ from flexgen.paths.process_force import ProcessForce
 from flexgen.simulation.hysteretic_rate import generalized_force
 from flexgen.trajectory import Trajectory
 
-SAMPLE_S = 1e-3
-BEFORE_S, WINDOW_S = 0.05, 0.4  # at rest before the motion; after the path
-STRIDE = 2  # samples between two values
+SAMPLE_S, SAMPLES = 1e-3, 50.0  # of the drives, at most; in a period of the lowest frequency with locked motors
+BEFORE_S, WINDOW_S = 0.05, 0.4  # at rest before the motion; after the path,
+PERIODS = (1.0, 8.0)  # but as many of these periods, at least and at most
+INSTANTS = 200  # of that time
 POINT = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 PLANTS = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
 
@@ -55,20 +56,18 @@ class ResidualVibration:
         self._rows = columns_in(self.model, unit_of(self.model))
         self._law: Cascade | None = None
         self._rate = 0.0
+        self._sample, self._window = SAMPLE_S, WINDOW_S
 
     def __call__(self, trajectory: Trajectory, path_end: float, force: ProcessForce | None = None) -> np.ndarray:
         """Errors (robots, instants, rows) [m, or rad] from the end of the path on, as many for every motion."""
-        first, last = float(trajectory.time[0]), float(trajectory.time[-1])
-        end = path_end + WINDOW_S + 10 * SAMPLE_S
-        time = time_grid(first, end, SAMPLE_S, BEFORE_S, 0.0)
-        m = trajectory.at(np.clip(time, first, last))
-        held = hold_torques(trajectory, time, SAMPLE_S, 0.0)
-        lanes, model = len(self.plants.names), self.model
         if self._law is None:
-            still_a, still_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
-            motion = (m["q_a"][:1], still_a, still_a, m["q_m"][:1], still_m, still_m, m["tau_m"][:1])
-            self._law = PPI().cascade(model, SAMPLE_S, motion)
-            self._rate = 1.2 * max(self._local.largest_rate(motion, values) for values in self.plants.values)
+            self._law = self._choose_law(trajectory)
+        first, last = float(trajectory.time[0]), float(trajectory.time[-1])
+        end = path_end + self._window + 10 * self._sample
+        time = time_grid(first, end, self._sample, BEFORE_S, 0.0)
+        m = trajectory.at(np.clip(time, first, last))
+        held = hold_torques(trajectory, time, self._sample, 0.0)
+        lanes, model = len(self.plants.names), self.model
         rate = self._rate
         if self._laws:
             points = tuple(m[name][:1] for name in POINT)
@@ -77,7 +76,7 @@ class ResidualVibration:
         rests = self._local.under(force, time[0]).rests(m, self.plants.values)
         q_a, tau = (np.array(x) for x in zip(*rests, strict=True))
         loop = ClosedLoop(
-            model, self._library, DriveHardware(SAMPLE_S), self._law, q_a, np.tile(m["q_m"][0], (lanes, 1)), rate,
+            model, self._library, DriveHardware(self._sample), self._law, q_a, np.tile(m["q_m"][0], (lanes, 1)), rate,
             parameters=self._robots or self.plants.values,
         )  # fmt: skip
         loop.hold(tau)
@@ -87,7 +86,7 @@ class ResidualVibration:
         found = loop.run(given, len(time), motion=True, disturbances=table, check=False)
         assert found.motion is not None
         out = []
-        instants = path_end + STRIDE * SAMPLE_S * np.arange(round(WINDOW_S / (STRIDE * SAMPLE_S)))
+        instants = path_end + self._window / INSTANTS * np.arange(INSTANTS)
         last_rest = self._local.under(force, path_end)
         for lane, values in enumerate(self.plants.values):
             arm = np.ascontiguousarray(found.motion[:, : model.n_a, lane])
@@ -98,9 +97,22 @@ class ResidualVibration:
             out.append(CubicSpline(time, error[:, self._rows])(instants))  # smooth in the duration, for slopes
         return np.array(out)
 
+    def _choose_law(self, trajectory: Trajectory) -> Cascade:
+        """The feedback; its sample time and the time after the path suit the lowest frequency at the start."""
+        model = self.model
+        q_a, q_m, tau_m = (trajectory[name][:1] for name in ("q_a", "q_m", "tau_m"))
+        still_a, still_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+        motion = (q_a, still_a, still_a, q_m, still_m, still_m, tau_m)
+        lowest = lowest_locked_hz(model, motion)
+        if lowest > 0:
+            self._sample = min(SAMPLE_S, 1 / (SAMPLES * lowest))
+            self._window = min(max(WINDOW_S, PERIODS[0] / lowest), PERIODS[1] / lowest)
+        self._rate = 1.2 * max(self._local.largest_rate(motion, values) for values in self.plants.values)
+        return PPI().cascade(model, self._sample, motion)
+
     def _pushing(self, force: ProcessForce, time: np.ndarray, steps: int) -> np.ndarray:
         """The force on the tools in each integration step, as `ClosedLoop.run` takes it."""
-        h, n_m = SAMPLE_S / steps, self.model.n_m
+        h, n_m = self._sample / steps, self.model.n_m
         table = np.zeros((len(time) * steps, n_m + TOOL, 1))
         table[:, n_m:, 0] = force.held(time[0] + h * (np.arange(len(table)) + 0.5), h)
         return table

@@ -33,7 +33,7 @@ from flexgen.performance.stated_speeds import StatedSpeeds
 from flexgen.runtime.path_inversion import Inversion
 
 SAMPLES, PER_INTERVAL = 300, 2.0  # on the path; in an interval that resolves a force, along the path as it is given
-MESH_S = 5e-3  # of the inversion
+MESH_S, FEWEST = 5e-3, 40  # longest interval of the inversion; intervals on the path, at least
 AFTER_S = 0.3  # of the motion after the path that counts
 SLOWER = 1.02  # of the first law against the given one
 PENALTY, EXACT = 5.0, 2.0  # of violations in the program and in the merit, in units of T
@@ -126,7 +126,7 @@ class TimeSearch:
 
     def mesh(self, duration: float) -> float:
         """Intervals of the inversion [s] in a motion of this duration."""
-        return float(min(MESH_S, self._resolving * duration))
+        return float(min(MESH_S, duration / FEWEST, self._resolving * duration))
 
     def invert(
         self, timed: Path, period: float, mesh: float, force: ProcessForce | None

@@ -17,6 +17,7 @@ from flexgen.calibration.components import Tilt
 from flexgen.mechanics import statics
 from flexgen.mechanics.equations import derive
 from flexgen.performance import residual_vibration
+from flexgen.performance.time_search import TimeSearch
 
 
 def test_motors_hold_an_arm_by_the_deflections_of_its_springs() -> None:
@@ -114,3 +115,28 @@ def test_the_vibration_at_the_end_needs_the_force_on_the_tool_where_there_is_one
     assert table.shape == (8, 8, 1) and not table[:, :2].any()
     assert_allclose(table[:, 2:, 0], np.outer(1.0 + h * (np.arange(8) + 0.5), np.arange(6.0)) + h, rtol=1e-12)
     assert made._memory(0, np.zeros(0), np.zeros(2)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("lowest", "sample", "window"),
+    [(0.0, 1e-3, 0.4), (5.0, 1e-3, 0.4), (0.2, 1e-3, 5.0), (200.0, 1e-4, 0.04)],
+)
+def test_the_vibration_at_the_end_is_sampled_and_followed_as_the_robot_needs(
+    lowest: float, sample: float, window: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Drives of 1 ms made a robot of 300 Hz unstable, and 0.4 s were a small part of the period of one of 0.2 Hz."""
+    monkeypatch.setattr(residual_vibration, "library_with", lambda *given, **more: None)
+    monkeypatch.setattr(residual_vibration, "lowest_locked_hz", lambda *given: lowest)
+    made = residual_vibration.ResidualVibration(derive(flexgen.read("elbow")), print)
+    rest = statics.equilibrium_at(made.equations, np.array([0.4, -0.7]))
+    trajectory: Any = {"q_a": rest.q_a[None], "q_m": rest.q_m[None], "tau_m": rest.tau_m[None]}
+    assert len(made._choose_law(trajectory).speed_gain) == 2
+    assert (made._sample, made._window) == pytest.approx((sample, window), rel=1e-12)
+    assert made._rate > 0
+
+
+def test_a_fast_motion_is_inverted_on_as_many_intervals_as_a_slow_one() -> None:
+    """Intervals of 5 ms are a sixth of a motion of 30 ms: its fastest time law was 2.3 times as long as needed."""
+    search: Any = Made(_resolving=np.inf)
+    meshes = [TimeSearch.mesh(search, duration) for duration in (0.02, 0.1, 0.2, 1.0, 60.0)]
+    assert_allclose(meshes, [5e-4, 2.5e-3, 5e-3, 5e-3, 5e-3])
