@@ -26,7 +26,7 @@ STEPS = 40
 SMALL_GAIN = 2e-5  # of the objective, as a part: where the search ends
 LEAST_GAIN = 1e-6  # in squares of standard deviations, where the errors are zero but for rounding
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
-SHARPEST = 1e-6  # m: least scale, also where the poses are simulated without noise
+SHARPEST = 1e-6  # of the range of the points, at most of 1 m: least scale, also of poses without noise
 FLAT = 1e-12  # part of the curvature along a number that directions without any information get
 LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of 1000 times
 
@@ -66,6 +66,7 @@ class Problem:
         self.statics, self.unknowns, self.robust, self.whitening = statics, unknowns, robust, whitening
         self.valid = np.isfinite(measured).all(axis=2)
         self.measured = np.where(self.valid[..., None], measured, 0.0)
+        self.sharpest = SHARPEST * min(1.0, float(np.ptp(measured[self.valid], axis=0).max()) or 1.0)
         self.center = np.array([u.start for u in unknowns])
         self.precision = np.array([u.sd for u in unknowns]) ** -2.0
         self.lower = np.array([LEAST * u.start if u.kind == "compliance" else -np.inf for u in unknowns])
@@ -82,7 +83,7 @@ class Problem:
 
     def scale(self, lengths: np.ndarray) -> float:
         """Standard deviation of one axis [m] from the median of the lengths."""
-        return max(float(np.median(lengths[self.valid])) / MEDIAN_LENGTH, SHARPEST)
+        return max(float(np.median(lengths[self.valid])) / MEDIAN_LENGTH, self.sharpest)
 
     def objective(self, x: np.ndarray, gap: np.ndarray, scale: float) -> float:
         """The function that is minimized."""

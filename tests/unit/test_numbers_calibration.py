@@ -342,3 +342,14 @@ def test_a_fit_that_ends_early_has_not_converged(monkeypatch: pytest.MonkeyPatch
     assert not fit(problem, np.array([0.1, 0.2, 0.0, -0.5])).converged
     monkeypatch.setattr(fits, "STEPS", 0)
     assert_allclose(fit(problem, np.array([-0.1, 0.2, 0.0, -0.5])).x, [1e-4, 0.2, 0.0, -0.5])  # from within the bounds
+
+
+def test_errors_of_a_small_robot_keep_their_scale() -> None:
+    """A floor of 1 um made priors stronger than points of a robot of 2 cm that are measured to 0.1 um."""
+    for size, least in ((0.02, 2e-8), (3.0, 1e-6), (0.0, 1e-6)):
+        measured = np.zeros((3, 1, 3))
+        measured[1, 0, 2], measured[2, 0] = size, np.nan
+        made = Problem(SimpleNamespace(), measured, [], True)  # type: ignore[arg-type]
+        for error in (1e-7, 1e-12):
+            found = made.scale(np.full((3, 1), error))
+            assert found == pytest.approx(max(error / fits.MEDIAN_LENGTH, least), rel=1e-12)
