@@ -31,6 +31,7 @@ from flexgen.simulation.hysteretic_rate import deflection_rates, generalized_for
 from flexgen.simulation.segments import Segments
 from flexgen.spec.fourier import FourierSum
 
+ARCMIN = np.pi / 180 / 60  # rad
 STABLE = 0.5  # integration step times the fastest eigenvalue, at most
 NEWTON_STEPS, AT_REST = 50, 1e-12
 
@@ -39,7 +40,8 @@ NEWTON_STEPS, AT_REST = 50, 1e-12
 class Element:
     """An element of hysteresis: number of its ``gear``, where the search begins, and the numbers of its law.
 
-    ``K_h`` [N m/rad, arm side], ``lost`` motion [rad or m], ``exponent`` and ``gamma``.
+    ``K_h`` [N m/rad, arm side], ``lost`` motion [rad or m], ``exponent`` and ``gamma``; ``unit``: of its lost motion
+    in theta [rad or m].
     """
 
     gear: int
@@ -47,6 +49,7 @@ class Element:
     lost: float
     exponent: float = 1.0
     gamma: float = 0.0
+    unit: float = ARCMIN
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,7 @@ from flexgen.spec.memory import SHARPEST
 STEP = 1e-3  # of differences in numbers over their values at the start, and lost motions
 REACH = 30.0  # of these, at most; the least is its inverse
 STIFF, NEAR = 0.2, 1.05  # K_h over its start, at least; factor from a bound at which a number is at it
-LOST = np.pi / 180 / 60  # rad or m: unit of lost motions in theta, 1 arcmin
-LEAST_LOST, MOST_LOST = 1e-3, 50.0  # of these units
+LEAST_LOST, MOST_LOST = 1e-3, 50.0  # of the units of lost motions
 NO_LOST = 0.02  # of these units: what is below it is none
 SLOWEST = 2.0  # rate of a hysteresis times the integration step, at most
 POSES = 20  # of the record, where eigenvalues are computed
@@ -113,7 +112,7 @@ class GearModel:
         self.equations, self.sought, self.signals = equations, sought, signals
         self.names = tuple(parameter.name for parameter in equations.parameters)
         values = np.array([parameter.value for parameter in equations.parameters])
-        start = np.array([(each.K_h, each.exponent, each.lost) for each in sought.elements]).reshape(-1, 3)
+        start = np.array([(x.K_h, x.exponent, x.lost, x.unit) for x in sought.elements]).reshape(-1, 4)
         self.at = [each.gear for each in sought.elements]
         self.n_m, self.count = equations.model.n_m, len(start)
         # entries of theta: over their start (parameters, K_h, exponents), lost motions, errors, linear ones
@@ -126,9 +125,9 @@ class GearModel:
         self.units = np.ones(len(self.start))
         self.units[: self.shapes] = np.concatenate([values, start[:, 0]])
         self.units[self.shapes : self.parts] = start[: self.parts - self.shapes, 1]
-        self.units[self.parts : self.errors] = LOST
+        self.units[self.parts : self.errors] = start[:, 3]
         self.start[: self.parts] = 1.0
-        self.start[self.parts : self.errors] = np.clip(start[:, 2] / LOST, LEAST_LOST, MOST_LOST)
+        self.start[self.parts : self.errors] = np.clip(start[:, 2] / start[:, 3], LEAST_LOST, MOST_LOST)
         self.arm = DrivenArm(equations, sought.elements, sought.exponents, sought.errors, sought.harmonics)
         poses = signals.q_m[np.linspace(0, len(signals.time) - 1, POSES).astype(int)]
         steep = self.start.copy()

@@ -11,8 +11,8 @@ import numpy as np
 
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
-from flexgen.gears.driven_arm import Element
-from flexgen.gears.fit import FRICTIONS, LOST, NO_LOST, Estimate, GearModel, Sought, estimate
+from flexgen.gears.driven_arm import ARCMIN, Element
+from flexgen.gears.fit import FRICTIONS, NO_LOST, Estimate, GearModel, Sought, estimate
 from flexgen.gears.result import WEAK, GearFit, GearStatus, Number
 from flexgen.gears.signals import Signals, signals_of
 from flexgen.mechanics.equations import derive, robot_of
@@ -116,7 +116,7 @@ def identify_gears(
     plain = without_hysteresis(robot)
     fitted = [parameter for parameter in select(plain, free) if parameter.value > 0.0] if free else []
     orders, of_motors = _orders("harmonics", harmonics), _orders("cogging", cogging)
-    first = _first_elements(robot, gears, elements, exponents)
+    first = _first_elements(robot, gears, elements, exponents, record)
     sought = Sought(first, exponents, chosen if orders else (), orders, of_motors)
     equations = derive(plain, [parameter.name for parameter in fitted])
 
@@ -154,20 +154,27 @@ def _in_narrower_bands(result: GearFit, fit: Callable[[float], GearFit], tell: C
     return result
 
 
-def _first_elements(robot: RobotModel, gears: Sequence[int], count: int | None, exponents: bool) -> tuple[Element, ...]:
-    """Elements of the gears where the search begins: those of the model where it has so many."""
+def _first_elements(
+    robot: RobotModel, gears: Sequence[int], count: int | None, exponents: bool, record: Trajectory
+) -> tuple[Element, ...]:
+    """Elements of the gears where the search begins: those of the model where it has so many.
+
+    Lost motions are in units of 1 arcmin, of a translation of its deflection under the torques of the record.
+    """
     if count is not None and (count is True or not 1 <= count <= ELEMENTS):
         raise ArgumentError(f"elements: given {show_value(count)}, expected a whole number from 1 to {ELEMENTS}")
     K, out = gear_stiffness(without_hysteresis(robot), np.inf), []
     for k in gears:
-        found = []
+        found, unit = [], ARCMIN
+        if robot.coordinates[robot.i_g[k]].unit == "m":
+            unit = float((record["tau_m"] @ robot.eta[:, k]).std() / K[k]) or ARCMIN
         for x in (x for x in gear_layers(robot) if x.present[k]):
             if not isinstance(law := x.laws[k], Hysteresis):
                 raise ArgumentError(f"hysteresis: given the law {type(law).__name__}, expected that of Bouc and Wen")
-            found.append(Element(k, x.stiffness[k], 2 * x.slip[k] / K[k], law.exponent, law.gamma))
+            found.append(Element(k, x.stiffness[k], 2 * x.slip[k] / K[k], law.exponent, law.gamma, unit))
         if count not in (None, len(found)) or not found:
             n = count or 1
-            found = [Element(k, K[k] / n, LOST * 2.0 ** (j - (n - 1) / 2)) for j in range(n)]
+            found = [Element(k, K[k] / n, unit * 2.0 ** (j - (n - 1) / 2), unit=unit) for j in range(n)]
         out += [replace(each, exponent=max(each.exponent, SHARP)) if exponents else each for each in found]
     return tuple(out)
 

@@ -185,30 +185,42 @@ def test_the_result_of_a_fit_has_the_numbers_of_the_model(converged: bool) -> No
     check_numbers(f"gear_result_{name}", 1e-5, result=result, known=[number.determined for number in result.numbers])
 
 
+TORQUES: Any = {"tau_m": np.outer([1.0, 0.0, 1.0, 0.0], [2.0, 6.0])}  # N m, of two motors
+
+
 def test_elements_begin_as_those_of_the_model_or_as_fractions_of_the_spring() -> None:
     """n elements share the stiffness of the spring; their lost motions are around one arcmin, by factors of two."""
     K = [dof.gear.spring.stiffness for element in robot().elements for dof in element.dofs]  # type: ignore[union-attr]
-    found = identify._first_elements(robot(), (0, 1), 3, False)
+    found = identify._first_elements(robot(), (0, 1), 3, False, TORQUES)
     arcmin = np.pi / 180 / 60
     assert [x.gear for x in found] == [0, 0, 0, 1, 1, 1]
     assert_allclose([x.K_h for x in found], np.repeat(K, 3) / 3)
     assert_allclose([x.lost / arcmin for x in found], [0.5, 1.0, 2.0] * 2)
     assert {(x.exponent, x.gamma) for x in found} == {(1.0, 0.0)}
-    assert [x.exponent for x in identify._first_elements(robot(), (1,), None, True)] == [2.0]
+    assert [x.exponent for x in identify._first_elements(robot(), (1,), None, True, TORQUES)] == [2.0]
     table = [
         {"stiffness": 3e3, "lost_motion": 2e-4},
         {"stiffness": 1e3, "lost_motion": 4e-4, "exponent": 3.0, "gamma": 0.3},
     ]
     bent = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.hysteresis": table})
-    own = identify._first_elements(bent, (0,), None, True)
+    own = identify._first_elements(bent, (0,), None, True, TORQUES)
     assert [(x.K_h, x.exponent, x.gamma) for x in own] == [(3e3, 2.0, 0.0), (1e3, 3.0, 0.3)]
     assert_allclose([x.lost for x in own], [2e-4, 4e-4])
-    assert len(identify._first_elements(bent, (0,), 1, False)) == 1
+    assert len(identify._first_elements(bent, (0,), 1, False, TORQUES)) == 1
     with pytest.raises(ArgumentError, match="given the law Logistic, expected that of Bouc and Wen"):
-        identify._first_elements(with_law("elbow"), (0,), None, False)
+        identify._first_elements(with_law("elbow"), (0,), None, False, TORQUES)
 
 
 @pytest.mark.parametrize("given", [0, 9, True])
 def test_counts_of_elements_have_bounds(given: Any) -> None:
     with pytest.raises(ArgumentError, match=f"elements: given {given}, expected a whole number from 1 to 8"):
-        identify._first_elements(robot(), (0,), given, False)
+        identify._first_elements(robot(), (0,), given, False, TORQUES)
+
+
+def test_lost_motions_of_translations_are_found_against_their_deflections() -> None:
+    """With 1 arcmin read as 291 um a lost motion below 5.8 um was none."""
+    sliding = flexgen.read("elbow", overrides={"element.fore.dof.q2.type": "translation"})
+    first, second = identify._first_elements(sliding, (0, 1), None, False, TORQUES)
+    slide = float(3.0 * sliding.eta[1, 1] / 4.0999e6)  # the standard deviation of the force over the stiffness
+    assert (first.unit, second.unit) == pytest.approx((np.pi / 180 / 60, slide))
+    assert (first.lost, second.lost) == (first.unit, second.unit)
