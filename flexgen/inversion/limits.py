@@ -32,6 +32,7 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.limit_use import uses_of_limits
 from flexgen.mechanics.limits import Limits
+from flexgen.mechanics.statics import reach
 from flexgen.memory.lugre import bristle_torques, motor_bristles
 from flexgen.model.friction import bristled_motors, hysteretic_joints
 from flexgen.runtime.limited_inversion import LimitsInfeasibleError
@@ -42,7 +43,7 @@ PER_KNOT = 2  # intervals of the mesh between knots, at least
 SUPPORT = 8  # intervals between knots in which one spline is not zero
 LATE = 0.5  # of the path's duration: how long after it the motion may end
 UNKEPT = ("torque_rms", "thermal_time", "gear_torque_rms")  # effective values of a whole motion
-NOTICED = 1e-6  # m and rad: largest deviation that is not reported as LIMITS_ACTIVE
+NOTICED = 1e-6  # rad, and m for each meter of reach, at most m: largest deviation not reported as LIMITS_ACTIVE
 
 
 class _Bounds:
@@ -122,11 +123,12 @@ def enforce_limits(
         result = replace(result, tau_b=torques)
     meters, angle = found.deviation_m, found.deviation_rad
     size = f"{meters:.3g} m" + (f" and {angle:.3g} rad" if pose else "")
+    off = max(meters / min(1.0, reach(problem.equations)), angle)
     return replace(
         result,
         t=result.t - before * found.period,
         preactuation=(before + found.n_pre) * found.period,
-        status=Status.LIMITS_ACTIVE if max(meters, angle) > NOTICED else Status.SOLVED,
+        status=Status.LIMITS_ACTIVE if off > NOTICED else Status.SOLVED,
         verdict=f"the limits are active: path deviation up to {size}, {found.programs} quadratic programs",
         details={**result.details, "deviation_max_m": meters, "deviation_max_rad": angle, "programs": found.programs},
     )

@@ -283,6 +283,7 @@ def test_limits_are_kept_by_another_path_where_they_are_active(
         "_modify_path": lambda *given: (5, found),
         "hysteretic_joints": lambda robot: ["q1"] if memory else [],
         "bristled_motors": lambda robot: [],
+        "reach": lambda equations: 0.02,
     }.items():
         monkeypatch.setattr(limits, name, value)
     problem: Any = SimpleNamespace(
@@ -303,6 +304,9 @@ def test_limits_are_kept_by_another_path_where_they_are_active(
     found.deviation_m = found.deviation_rad = 0.0
     plain: Any = limits.enforce_limits(problem, unlimited, 4, 1e-6)
     assert plain.status == flexgen.Status.SOLVED and "up to 0 m, 7 quadratic" in plain.verdict
+    for found.deviation_m, status in ((3e-8, flexgen.Status.LIMITS_ACTIVE), (1e-8, flexgen.Status.SOLVED)):
+        small: Any = limits.enforce_limits(problem, unlimited, 4, 1e-6)
+        assert small.status == status  # 3e-8 m of a reach of 2 cm were noticed in the verification only, and refused
     kept = True
     calls.clear()
     again: Any = limits.enforce_limits(problem, unlimited, 4, 1e-6)
