@@ -6,9 +6,9 @@
     LQG  du = -K dx^ - d^, dx^ and d^ by the stationary Kalman filter of motor angles and sensors
 
 Everything is sampled with the hold and the delay of the controller; the torques under way are states. The filter's
-noises: torques of a twentieth of the largest, disturbances that grow by the largest torque in a second, a force of 50 N
-on the tool, the noise of the encoders, and ten times the noise of the sensors (low accelerometer noise
-makes the filter sensitive to stiffness errors).
+noises: torques of a twentieth of the largest, disturbances that grow by the largest torque in a second, a force on the
+tool of 50 N (of 1 m/s^2 times the mass of the robot, where that is smaller), the noise of the encoders, and ten times
+the noise of the sensors (low accelerometer noise makes the filter sensitive to stiffness errors).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from flexgen.type_checks import checked_class
 
 OUTPUT_SCALE = 1e-3  # m or rad: unit of the output in the cost
 SPEED_WEIGHT_S = 0.01
-TOOL_FORCE = 50.0  # N
+TOOL_FORCE, TOOL_ACCELERATION = 50.0, 1.0  # N, at most; over the mass of the robot [m/s^2]
 SENSOR_NOISE = 10.0  # times that of the model file
 LEAST_NOISE, NOT_USED = 1e-6, 1e9  # of a channel without noise, and of one that is not used; its units
 REGULAR = 1e-12  # weight of states that the cost does not see, relative
@@ -105,6 +105,7 @@ class _Design:
         self.model, self.sample_s, self.delay_s, self.options = model, sample_s, delay_s, options
         self.poses = PoseModels(model)
         self.u_max = torque_scale(model)
+        self.tool_force = _expected_force(model)
         own = [SENSOR_NOISE * noise for s in model.sensors for noise in s.noises]
         used = [max(x, LEAST_NOISE) if options.sensors else NOT_USED for x in own]
         self.noise = np.array([options.encoder_noise] * model.n_m + used) ** 2
@@ -123,7 +124,7 @@ class _Design:
         drive = np.vstack([G, np.zeros((n_m, n_m))])
         process = 1e-18 * np.eye(whole)
         torque = full[:n, size:] * (options.torque_noise * self.u_max)
-        pushed = hold_effects(at.A, at.push, h, 0.0)[1] * TOOL_FORCE
+        pushed = hold_effects(at.A, at.push, h, 0.0)[1] * self.tool_force
         process[:n, :n] += torque @ torque.T + pushed @ pushed.T
         process[size:, size:] += np.diag((options.disturbance_rate * self.u_max) ** 2 * h)
         rows = np.hstack([at.C, np.zeros((len(at.C), whole - n))])
@@ -133,6 +134,14 @@ class _Design:
         kept = np.eye(whole) - M @ rows
         closed = full - drive @ feedback
         return closed @ kept, -closed @ M, -feedback @ kept, feedback @ M
+
+
+def _expected_force(model: RobotModel) -> float:
+    """Force on the tool that the filter expects [N]."""
+    beams = [element.beam for element in model.elements if element.beam is not None]
+    mass = model.payload.mass + sum(element.body.mass for element in model.elements)
+    mass += sum(beam.length * beam.mass_per_length for beam in beams)
+    return min(TOOL_FORCE, TOOL_ACCELERATION * mass)
 
 
 def regulator(at: PoseModel, F: np.ndarray, G: np.ndarray, rho: float, u_max: np.ndarray) -> np.ndarray:

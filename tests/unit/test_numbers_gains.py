@@ -38,6 +38,7 @@ def test_eigenvalues_of_a_loop_are_those_of_its_gain_and_of_its_observer(delay: 
     made: Any = object.__new__(_Design)
     made.model, made.sample_s, made.delay_s, made.options = Made(n_m=1), h, delay, options
     made.poses, made.u_max, made.noise = Made(at=lambda motion: at), np.array([3.0]), np.array([1e-8])
+    made.tool_force = 50.0
     A, B, C, D = made.part([])
     F, G = sample_model(at.A, at.B, h, delay)
     size = len(F)
@@ -147,3 +148,10 @@ def test_texts_as_latex_and_as_comments_of_structured_text() -> None:
     assert lines[1].startswith("     word") and lines[1].endswith("hyphens (")
     assert {part for line in lines[:-1] for part in line.split()} == {"(*", "word-with-hyphens", "("}
     assert text._comment("short", "") == "(* short *)\n" and all(len(line) <= 115 for line in lines)
+
+
+def test_the_force_that_the_filter_expects_is_small_for_small_robots() -> None:
+    """50 N were 160 times the weight of a robot of 32 g, and its controller failed."""
+    sizes = {"planar5_nmp": 50.0, "beam_arm": 8.0 + 0.8}
+    for name, force in sizes.items():
+        assert _Design(flexgen.read(name), 5e-4, 0.0, LQG()).tool_force == pytest.approx(force, rel=1e-12)
