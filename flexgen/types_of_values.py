@@ -94,7 +94,7 @@ def check_of(annotation: Any, *, infinite: bool = False, result: bool = False) -
     if issubclass(origin, Sequence):
         return _sequence(part_of(parts[0]))
     if origin is Iterable:
-        return _iterable(part_of(parts[0]))
+        return _sequence(part_of(parts[0]), iterators=True)
     return _of_class(origin, result)
 
 
@@ -191,32 +191,21 @@ def items_of(value: Any) -> Sequence[Any] | None:
     return list(value) if hasattr(value, "__iter__") else None
 
 
-def _sequence(entry: Check | None) -> Check:
-    def passes(value: Any) -> bool:
-        items = items_of(value)
-        return items is not None and (entry is None or all(map(entry.passes, items)))
-
-    return Check(passes, _sequence_words(entry))
-
-
-def _sequence_words(entry: Check | None) -> str:
-    if entry is None:
-        return "a sequence"
-    if entry.words.startswith("a sequence"):
-        return f"a sequence of {entry.words[2:].replace('sequence', 'sequences', 1)}"
-    return f"a sequence with {entry.words} in each place"
-
-
-def _iterable(entry: Check | None) -> Check:
+def _sequence(entry: Check | None, iterators: bool = False) -> Check:
     """Entries of an iterator are checked where they are taken."""
 
     def passes(value: Any) -> bool:
         items = items_of(value)
         if items is None:
-            return isinstance(value, Iterable) and not isinstance(value, str | bytes | bytearray | Mapping)
+            return (
+                iterators and isinstance(value, Iterable) and not isinstance(value, str | bytes | bytearray | Mapping)
+            )
         return entry is None or all(map(entry.passes, items))
 
-    return Check(passes, _sequence_words(entry))
+    words = "" if entry is None else entry.words
+    if words.startswith("a sequence"):
+        return Check(passes, f"a sequence of {words[2:].replace('sequence', 'sequences', 1)}")
+    return Check(passes, f"a sequence with {words} in each place" if words else "a sequence")
 
 
 def _tuple(entries: Sequence[Check | None]) -> Check:

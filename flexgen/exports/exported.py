@@ -72,8 +72,7 @@ class Exported(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types; the details are entries of their own."""
-        data = super().to_dict()
-        details = data.pop("details")
+        details = (data := super().to_dict()).pop("details")
         return data | {"directory": str(self.directory)} | details
 
     def summary(self) -> str:

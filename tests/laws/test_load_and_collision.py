@@ -54,7 +54,7 @@ def test_the_error_is_within_three_standard_deviations():
 
 @pytest.mark.slow
 def test_no_load_is_found_in_noise():
-    """Steps between first moments that noise hides were no solution."""
+    """Steps between first moments that noise hides were refused."""
     data, rng = record("manutec_r3", {"payload": 0.0}), np.random.default_rng(0)
     tau = data["tau_m"] + 0.05 * rng.standard_normal(data["tau_m"].shape)
     noisy = type(data)(data.time, {**data.channels, "tau_m": tau}, data.ports, data.labels, data.meta, data.units)
@@ -105,6 +105,7 @@ BESIDE = np.array([0.05, -0.03, 0.08])  # of a load of 5 kg, from the payload of
 def test_two_masses_turn_about_their_center_together():
     """Otherwise a load next to the payload is found elsewhere."""
     estimate = object.__new__(payload._Estimate)
+    estimate.farthest = payload.FARTHEST
     estimate.of_file = np.array([*np.zeros(6), 15.0, 0.1, 0.0, 0.2])
     center = estimate.of_file[-3:] + 0.25 * BESIDE
     both = steiner(15.0, 0.25 * BESIDE) + steiner(5.0, 0.75 * BESIDE)

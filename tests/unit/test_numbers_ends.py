@@ -94,11 +94,9 @@ def test_encoders_show_their_errors() -> None:
 
 
 @pytest.mark.parametrize("integral", [(0.0, 0.0), (5.0, 0.0)])
-def test_a_servo_without_integral_part_is_commanded_ahead(
-    integral: tuple[float, float], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_servo_without_integral_part_is_commanded_ahead(integral: tuple[float, float]) -> None:
     """At rest it holds the torque by ``tau / (k_p k_v)`` on the motor side; joints turn by the inverse of the gears."""
-    servo = Made(position_gain=(20.0, 10.0), speed_gain=(0.5, 0.25), integral_gain=integral)
+    servo: Any = Made(position_gain=(20.0, 10.0), speed_gain=(0.5, 0.25), integral_gain=integral)
     names = [Made(name=name) for name in ("m1", "m2")]
     eta = np.array([[100.0, 0.0], [25.0, 50.0]])
     model: Any = Made(
@@ -106,11 +104,9 @@ def test_a_servo_without_integral_part_is_commanded_ahead(
         coordinates=[Made(name="q1", unit="rad"), Made(name="e", unit="m"), Made(name="q2", unit="m")],
         i_g=(0, 2),
         eta=eta,
-        servo=servo,
     )
     held: Any = Made(tau_m=np.array([4.0, -2.0]), q_m=np.array([50.0, 30.0]), q_a=np.array([0.5, 0.01, 0.4]))
-    monkeypatch.setattr(feedforward, "position_obstacle", lambda model: None)
-    rows = feedforward._outputs(model, held)
+    rows = feedforward._outputs(model, held, servo)
     assert [row.name for row in rows[:4]] == [
         "motor.m1.torque",
         "motor.m2.torque",
@@ -124,5 +120,4 @@ def test_a_servo_without_integral_part_is_commanded_ahead(
     assert found["arm.q1.command"] == (pytest.approx(expected[0]), "rad")
     assert found["arm.q2.command"] == (pytest.approx(expected[1]), "m")
     assert found["arm.e.reference_position"] == (0.01, "m") and found["arm.e.reference_speed"] == (0.0, "m/s")
-    monkeypatch.setattr(feedforward, "position_obstacle", lambda model: "a reason")
-    assert not any(row.name.endswith(".command") for row in feedforward._outputs(model, held))
+    assert not any(row.name.endswith(".command") for row in feedforward._outputs(model, held, None))

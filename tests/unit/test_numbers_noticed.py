@@ -115,7 +115,7 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
             "ENCODER_NOISE": 0.0001,
             "NOISES": {"tool_accelerometer": 0.05, "tool_gyro": 0.001, "link_encoders": 1e-05},
         },
-        "flexgen.loop.gains": {"SAMPLED_GAIN": 0.3},
+        "flexgen.analysis.servo_gains": {"SAMPLED_GAIN": 0.3},
         "flexgen.inversion.problem": {
             "GRADING": 1.5,
             "SETTLING": 15.0,
@@ -141,7 +141,7 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
             "FRICTION_SD": 0.3,
             "BLOCK_S": 0.5,
         },
-        "flexgen.performance.residual_vibration": {"BEFORE_S": 0.05, "WINDOW_S": 0.4, "STRIDE": 2},
+        "flexgen.performance.residual_vibration": {"WINDOW_S": 0.4, "SAMPLES": 50.0, "PERIODS": (1.0, 8.0)},
         "flexgen.performance.smoother": {
             "MODEL_ERROR": 0.2,
             "LOAD_ERROR": 0.02,
@@ -152,7 +152,7 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
             "DISTURBANCE_RATE": 0.1,
         },
         "flexgen.servo.command": {"PERIOD_S": 0.004, "SETTLED": 1e-06, "AT_REST": 1e-09},
-        "flexgen.simulation.motor_feedback": {
+        "flexgen.analysis.second_order": {
             "MULTIPLES": {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1},
             "RIGID_HZ": 10.0,
         },
