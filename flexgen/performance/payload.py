@@ -66,10 +66,9 @@ class Load(Result):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
     The load is taken for a point mass; directions that the motion does not show have a deviation of about 1 m.
-    ``total_mass``, ``total_com``: of the load and the payload of the model file
-    together. ``residual_Nm``: root mean square of the residual gear torques (n_g,), arm side. ``delay_s``: time by
-    which torques were recorded late [s]. ``friction`` (2, n_m): viscous
-    and other friction of each motor over those of the model.
+    ``total_mass``, ``total_com``: of the load and the payload of the model file together. ``residual_Nm``: root mean
+    square of the residual gear torques (n_g,), arm side. ``delay_s``: time by which torques were recorded late [s].
+    ``friction`` (2, n_m): viscous and other friction of each motor over those of the model.
 
     Examples
     --------

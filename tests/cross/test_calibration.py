@@ -245,6 +245,7 @@ def test_a_body_that_loads_a_spring_by_a_mechanism_alone_has_an_unknown_mass(tmp
     assert "hand.mass" in loads and "left.mass" not in loads
 
 
+@pytest.mark.slow
 def test_gross_errors_change_little() -> None:
     """Eight positions off by 50 mm: the robust fit stays within 0.2 mm, plain least squares does not."""
     for robust, least, most in ((True, 0.0, 2e-4), (False, 3e-4, 1.0)):

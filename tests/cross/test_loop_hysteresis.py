@@ -188,6 +188,7 @@ def test_steps_that_are_too_long_for_the_law_are_an_error(plain: flexgen.Solutio
     assert not wrong.nominal.failure
 
 
+@pytest.mark.slow
 def test_positions_that_are_held_slip_faster_than_the_planned_motion() -> None:
     """Every 12 ms: the steps for the planned speeds are too long; with 16 or 199 of them the error is 1.1187 mm."""
     found = flexgen.command_positions(hysteretic("elbow"), period=0.012, interpolation="hold", progress=False)

@@ -371,6 +371,7 @@ def test_columns_of_a_model_without_servo_are_refused():
     assert all(np.array_equal(plain[name], other[name]) for name in plain.channels) and "command_m" not in plain
 
 
+@pytest.mark.slow
 def test_identification_begins_with_the_servo_of_the_model(tmp_path):
     robot = flexgen.read(with_servo(tmp_path, TABLE.replace("delay = 0.0005", "sample_time = 0.001")))
     run = flexgen.command_positions(robot, progress=False).today

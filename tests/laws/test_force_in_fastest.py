@@ -145,6 +145,7 @@ def test_the_bound_of_a_rigid_robot_has_the_force():
     assert (1.05 * held(up) < 0.95 * held(0.0)).all() and np.isnan(rigid(1.05 * held(up), -up))
 
 
+@pytest.mark.slow
 def test_file_command_and_errors(tmp_path, capsys):
     place = np.linspace(0.0, 1.0, 1001)
     table = np.column_stack([place, grinding(place), np.zeros(1001)])

@@ -63,6 +63,7 @@ def test_the_curve_is_the_hypergeometric_function(n: float, gamma: float) -> Non
     assert curve.at(np.array([1e9])) == pytest.approx(1.0, abs=1e-15)
 
 
+@pytest.mark.slow
 def test_the_curve_of_a_law_of_another_package_is_its_solution() -> None:
     """y = (E - 1)/(E + bend), E = exp((1 + bend) u); it is that of Dahl's law for bend = 0."""
     u = np.linspace(-0.3, 40.0, 2000)

@@ -52,6 +52,7 @@ def test_exact_responses_give_exact_parameters(name, residual):
     assert found.agreed == found.starts == 2 and found.cost < 1e-6
 
 
+@pytest.mark.slow
 def test_delay_torque_constants_inertias_and_new_frictions_are_found():
     """Terms that the file does not have, and those of the drives."""
     plain = without_coulomb("planar5_nmp")

@@ -156,6 +156,7 @@ def test_the_payload_and_springs_are_found(tmp_path: Path) -> None:
     assert (np.array(with_torques) < 0.8 * np.array(without)).all()
 
 
+@pytest.mark.slow
 def test_recordings_have_the_units_of_each_channel(tmp_path: Path) -> None:
     """Torques in N m and forces in kN, of a file that states them."""
     model = sensed("planar5_nmp")

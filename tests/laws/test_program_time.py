@@ -201,6 +201,7 @@ def test_stated_speeds_of_steps_and_corners() -> None:
     assert not len(StatedSpeeds.of(legs[0].segments[0], (None,), 0.25).parts(law))
 
 
+@pytest.mark.slow
 def test_what_no_program_can_do_is_refused(given: dict[str, np.ndarray]) -> None:
     with pytest.raises(ArgumentError, match="vibration: given for the program three, expected a single move"):
         flexgen.fastest("planar5_nmp", THREE, vibration=1e-3, progress=False)

@@ -131,6 +131,7 @@ def test_a_gear_without_the_law_is_not_named(name: str, z: list[list[float]], na
     assert [(cause.law, sorted(cause.numbers)) for cause in found] == [(name, [named])]
 
 
+@pytest.mark.slow
 def test_levels_that_do_not_differ_have_no_cause() -> None:
     levels = levels_with("Coulomb", [[0.0, 0.0]])
     found = compare(levels)

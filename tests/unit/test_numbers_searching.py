@@ -53,7 +53,7 @@ def problem(monkeypatch: pytest.MonkeyPatch, measured: np.ndarray, robust: bool 
     return fitting.Problem(statics, measured, unknowns, robust, **more)
 
 
-@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize("robust", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_fit_of_positions_is_the_minimum_of_its_objective(robust: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """By another search, with the scale that the fit ends with; a gross error moves it less where the fit is robust."""
     true = np.array([0.4, -0.2, 0.3])

@@ -239,6 +239,7 @@ def test_least_torques_need_less_than_a_straight_line(planar):
     assert found.trajectory["y_ref"][-1] == pytest.approx(line["y_ref"][-1], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_bounds_hold_at_all_instants(planar):
     free = least_torque(planar, 60).solve(verify=False).trajectory
     torque, speed = 0.8 * np.abs(free["tau_m"]).max(axis=0), 0.9 * np.abs(free["v_m"]).max(axis=0)

@@ -93,6 +93,7 @@ def test_programs_pass_where_they_should(seam, arm) -> None:
     assert seam.segments[2].start - stops[1] == pytest.approx(0.1, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_bounds_and_speeds_are_kept(seam, tour) -> None:
     for path in (seam, tour):
         program = path.move
