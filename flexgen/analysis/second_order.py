@@ -9,11 +9,6 @@ import numpy as np
 
 from flexgen.model.elements import RobotModel
 
-# Of the default motor feedback: frequencies over the lowest natural one with locked motors, and what takes its place
-# where nothing is elastic [Hz].
-MULTIPLES = {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1}
-RIGID_HZ = 10.0
-
 
 def largest_rate(M: np.ndarray, D: np.ndarray, K: np.ndarray) -> float:
     """Largest size of an eigenvalue [1/s] of several robots or poses; matrices (k, n, n)."""

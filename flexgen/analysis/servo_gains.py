@@ -11,14 +11,16 @@ from dataclasses import replace
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.analysis.second_order import MULTIPLES, RIGID_HZ
-from flexgen.mechanics.equations import derive
+from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.position_servo.keys import FREQUENCIES, GAINS, ServoTable
 
+# Frequencies over the lowest natural one with locked motors, and what takes its place where nothing is elastic [Hz].
+MULTIPLES = {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1}
+RIGID_HZ = 10.0
 SAMPLED_GAIN = 0.3  # largest speed gain times sample time and delay, over the inertia with all springs soft
 
 
@@ -50,6 +52,21 @@ def cascade_gains(
     )
 
 
+def inertias_at_rest(
+    equations: Equations, q_a: np.ndarray, q_m: np.ndarray, tau_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Inertias that the motors move with all springs stiff, and soft, and the lowest frequency with locked motors [Hz].
+
+    ``q_a`` (n_a,), ``q_m`` (n_m,), ``tau_m`` (n_m,); inertias (n_m,) [kg m^2].
+    """
+    model = equations.model
+    arm, motors = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+    motion = (q_a[None], arm, arm, q_m[None], motors, motors, tau_m[None])
+    M, _, K, B = (x[0] for x in second_order_matrices(*evaluate(equations.function("residual_jacobians"), *motion)))
+    stiff, soft = second_order.motor_inertias(model, M, B, second_order.motor_rows(model))
+    return stiff, soft, second_order.lowest_locked_hz(model, M, K)
+
+
 def servo_with_gains(model: RobotModel) -> ServoTable | None:
     """The servo of a model by gains of each motor; those by frequencies with the inertias at rest at home.
 
@@ -59,17 +76,9 @@ def servo_with_gains(model: RobotModel) -> ServoTable | None:
     if servo is None or servo.type == "cascade":
         return servo
     equations = derive(model)
-    rest, still, quiet = (
-        hold_joints(equations, np.array(model.home)),
-        np.zeros((1, model.n_a)),
-        np.zeros((1, model.n_m)),
-    )
-    motion = (rest.q_a[None], still, still, rest.q_m[None], quiet, quiet, rest.tau_m[None])
-    M, _, K, B = (x[0] for x in second_order_matrices(*evaluate(equations.function("residual_jacobians"), *motion)))
-    stiff, soft = second_order.motor_inertias(model, M, B, second_order.motor_rows(model))
-    hz = chosen_frequencies(
-        {name: getattr(servo, name) for name in FREQUENCIES}, second_order.lowest_locked_hz(model, M, K)
-    )
+    rest = hold_joints(equations, np.array(model.home))
+    stiff, soft, lowest = inertias_at_rest(equations, rest.q_a, rest.q_m, rest.tau_m)
+    hz = chosen_frequencies({name: getattr(servo, name) for name in FREQUENCIES}, lowest)
     gains = cascade_gains(hz, stiff, soft, servo.sample_time + servo.delay)
     values = {name: tuple(x.tolist()) for name, x in zip(GAINS, gains, strict=True)}
     return replace(servo, type="cascade", **dict.fromkeys(FREQUENCIES), **values)

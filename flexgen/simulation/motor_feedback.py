@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.linearization import second_order_matrices
-from flexgen.numerics.evaluate import evaluate
 
 
 @dataclass(frozen=True)
@@ -65,16 +63,11 @@ def default_feedback(equations: Equations, q_a: np.ndarray, q_m: np.ndarray, tau
 
     ``q_a`` (n_a,), ``q_m`` (n_m,), ``tau_m`` (n_m,).
     """
-    from flexgen.analysis.second_order import MULTIPLES, RIGID_HZ, lowest_locked_hz, motor_inertias, motor_rows
+    from flexgen.analysis.second_order import motor_rows
+    from flexgen.analysis.servo_gains import MULTIPLES, chosen_frequencies, inertias_at_rest
 
     model = equations.model
-    arm, motors = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
-    motion = (q_a[None], arm, arm, q_m[None], motors, motors, tau_m[None])
-    found = evaluate(equations.function("residual_jacobians"), *motion)
-    M, _, K, B = (x[0] for x in second_order_matrices(*found))
-    rows = motor_rows(model)
-    inertia, _ = motor_inertias(model, M, B, rows)
-    lowest = lowest_locked_hz(model, M, K) or RIGID_HZ
-    frequencies = {name: factor * lowest for name, factor in MULTIPLES.items()}
+    inertia, _, lowest = inertias_at_rest(equations, q_a, q_m, tau_m)
+    frequencies = chosen_frequencies(dict.fromkeys(MULTIPLES), lowest)
     position, speed, integral = (np.full(model.n_m, 2 * np.pi * x) for x in frequencies.values())
-    return MotorFeedback(rows, position, speed * inertia, integral, frequencies)
+    return MotorFeedback(motor_rows(model), position, speed * inertia, integral, frequencies)

@@ -185,7 +185,7 @@ def test_torques_before_a_path_are_those_of_unstable_zeros() -> None:
     ],
 )
 def test_a_robot_is_drawn_with_its_gravity_downwards(
-    extent: tuple[float, ...], gravity: tuple[float, ...], views: tuple[Any, ...]
+    extent: tuple[float, ...], gravity: tuple[float, ...], views: tuple[tuple[int, int], ...]
 ) -> None:
     """Each of the three planes; of a flat robot its own plane."""
     frames = np.stack([np.zeros(3), np.array(extent)], axis=1)[None]

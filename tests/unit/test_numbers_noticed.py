@@ -115,7 +115,11 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
             "ENCODER_NOISE": 0.0001,
             "NOISES": {"tool_accelerometer": 0.05, "tool_gyro": 0.001, "link_encoders": 1e-05},
         },
-        "flexgen.analysis.servo_gains": {"SAMPLED_GAIN": 0.3},
+        "flexgen.analysis.servo_gains": {
+            "SAMPLED_GAIN": 0.3,
+            "MULTIPLES": {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1},
+            "RIGID_HZ": 10.0,
+        },
         "flexgen.inversion.problem": {
             "GRADING": 1.5,
             "SETTLING": 15.0,
@@ -152,10 +156,6 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
             "DISTURBANCE_RATE": 0.1,
         },
         "flexgen.servo.command": {"PERIOD_S": 0.004, "SETTLED": 1e-06, "AT_REST": 1e-09},
-        "flexgen.analysis.second_order": {
-            "MULTIPLES": {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1},
-            "RIGID_HZ": 10.0,
-        },
         "flexgen.simulation.simulate": {"HELD_MAX": 60.0, "HELD_STEP": 0.002},
         "flexgen.sweeps.cases": {"SPAN": {"rad": math.pi, "m": 0.5}},
         "flexgen.sweeps.folder": {"SHARD_SIZE": 16, "BATCH_SIZE": 512, "SHARDS": 64},
