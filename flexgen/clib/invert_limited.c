@@ -85,7 +85,7 @@ static inline void deviation_at(const real *c, int count, int spacing, real peri
 enum { IP_STEPS = 80 };
 
 static const real ip_accuracy = 1e-9;   /* of the limits */
-static const real ip_gap = 1e-13;       /* of the price: complementarity at the solution */
+static const real ip_gap = 1e-17;       /* of the price: complementarity at the solution */
 static const real ip_gap_enough = 1e-9; /* the same, where the steps have no effect any more */
 static const real ip_boundary = 0.9995; /* part of the step to the boundary */
 
@@ -327,7 +327,7 @@ static const real margin_max = 4e-3;   /* more distance after a program whose li
 static const real rough_tolerance = 100.0; /* tolerance of the inversions inside, relative: responses need few digits */
 static const real coefficient_unit = 1e-3; /* m, rad: of the coefficients; a deviation of it costs about one */
 static const real curvature_weight = 100.0; /* cost of the curvature of the shortest wave that the knots resolve */
-static const real program_price = 1e5;      /* of exceeding all limits by 100 % */
+static const real program_price = 1e9;      /* of exceeding all limits by 100 % */
 static const real near_limit = 0.7;         /* of a limit: rows below it are not in the program at first */
 static const real poor_progress = 0.7;      /* of a violation: where more is left, the responses are computed again */
 static const real hopeless_progress = 0.9;  /* of a violation: where more is left with new responses, it ends */

@@ -82,15 +82,16 @@ def modified(one: Case, found: Inversion) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 @pytest.mark.parametrize(
-    ("name", "factor"),
+    ("name", "factor", "most"),
     [
-        ("planar5_nmp", 0.9),
-        ("planar5_nmp", 0.6),
-        ("elbow", 0.85),
-        pytest.param("manutec_r3", 0.9, marks=pytest.mark.slow),
+        ("planar5_nmp", 0.9, 5e-2),
+        ("planar5_nmp", 0.6, 5e-2),
+        ("elbow", 0.85, 5e-2),
+        ("elbow", 0.58, 8e-2),
+        pytest.param("manutec_r3", 0.9, 5e-2, marks=pytest.mark.slow),
     ],
 )
-def test_torque_limits_are_kept_on_the_modified_path(name: str, factor: float) -> None:
+def test_torque_limits_are_kept_on_the_modified_path(name: str, factor: float, most: float) -> None:
     """The torques are those of the modified path, inverted without limits: scipy's splines, the pose by rotations."""
     one = case(name)
     bound = factor * np.abs(free(one).tau_m).max(axis=0)
@@ -105,7 +106,7 @@ def test_torque_limits_are_kept_on_the_modified_path(name: str, factor: float) -
     n_p = 3 if one.y.shape[1] > one.dy.shape[1] else one.dy.shape[1]
     assert found.deviation_m == pytest.approx(np.linalg.norm(found.deviation[:, :n_p], axis=1).max())
     assert found.limit_excess <= KEPT
-    assert 1e-5 < found.deviation_m < 5e-2
+    assert 1e-5 < found.deviation_m < most
 
 
 @pytest.mark.parametrize(("torque", "price"), [(22.0, 1.02e-3), (20.0, 3.12e-3)])
