@@ -264,7 +264,7 @@ static const real deviation_removed = 1e-20;                /* m, rad: a smaller
 /* weight of the input, and of the derivatives at the end, relative to the deviation */
 static const real smoothness_weight = 1e-1;
 static const real change_weight = 1e0; /* weight of a change of the input, against jumps from update to update */
-static const real limit_weight = 1e-2; /* weight of an exceeded limit, relative to a deviation of one */
+static const real limit_weight = 1e2;  /* weight of an exceeded limit, relative to a deviation of one */
 
 /* Positions of the arrays for the limits, in the memory of the stream. */
 typedef struct {
