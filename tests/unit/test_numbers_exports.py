@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -98,6 +99,24 @@ def test_a_model_for_mujoco_has_the_frictions_that_are_asked_for() -> None:
     slack = replace(dof, gear=replace(dof.gear, spring=BacklashSpring(1e6, 1e-3, 1e-4)))
     with pytest.raises(ModelError, match=r"dof\.q1\.gear\.spring: given a spring with a smooth dead band, expected"):
         mujoco_checks.check_laws(replace(model, elements=(replace(first, dofs=(slack,)),)), True)
+
+
+def test_an_export_for_mujoco_says_which_friction_it_changes(tmp_path: Path) -> None:
+    """Nothing where the file has all friction of the model, whatever was asked for."""
+    key, differ = "motor.m1.friction", "accelerations in MuJoCo differ from those of the model"
+    left_out = f"all friction but viscous is left out: {differ}"
+    stick = f"Coulomb friction is a constraint with stick: {differ}"
+    for friction, notes in (
+        (None, {"exact": (), "viscous": (), "dry": ()}),
+        ({"viscous": 0.3}, {"viscous": (), "dry": ()}),
+        ({"viscous": 0.3, "coulomb": 2.0, "beta": 9.0}, {"viscous": (left_out,), "dry": (stick,)}),
+    ):
+        model = flexgen.read("elbow", overrides={key: friction} if friction else {})
+        for kind, expected in notes.items():
+            found = flexgen.export_mujoco(model, tmp_path / "arm.xml", friction=kind)
+            assert found.notes == expected and found.details["friction"] == kind
+    with pytest.raises(ModelError, match=r"motor\.m1\.friction\.coulomb: given 2, which is a function tanh"):
+        flexgen.export_mujoco(model, tmp_path / "arm.xml")
 
 
 def test_drives_have_the_ratios_of_their_joints() -> None:
