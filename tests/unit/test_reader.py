@@ -13,6 +13,7 @@ from bad_models import GOOD
 
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import elements as nouns
+from flexgen.model import reader
 from flexgen.model.format_robot import rotation_matrix
 from flexgen.model.reader import model_names, read
 from flexgen.spec.toml_lines import Scanner, leaves, parse, unwrap, wrap
@@ -331,6 +332,21 @@ def test_the_users_own_models_go_first(good, monkeypatch):
     named.write_text("name = 3\n")
     with pytest.raises(ModelError, match=f"^{re.escape(str(named))}:1:element: "):
         read("elbow")
+
+
+def test_the_models_of_an_installed_package_are_inside_it(good, tmp_path, monkeypatch):
+    """Not in a folder next to the package, which may be of another one."""
+    package = tmp_path / "site" / "flexgen"
+    for folder, name in ((package / "models", "inside"), (package.parent / "models", "beside")):
+        folder.mkdir(parents=True)
+        (folder / f"{name}.toml").write_bytes(good.read_bytes())
+    monkeypatch.setattr(reader, "__file__", str(package / "model" / "reader.py"))
+    monkeypatch.delenv("FLEXGEN_MODELS", raising=False)
+    monkeypatch.chdir(package.parent.parent)
+    assert model_names() == ["inside"]
+    assert read("inside").name == read(good).name
+    with pytest.raises(ArgumentError, match=r"given 'beside', expected .* or inside \(there are: inside\)"):
+        read("beside")
 
 
 def test_only_regular_files_are_models(good, monkeypatch):
