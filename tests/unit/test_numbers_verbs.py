@@ -14,9 +14,10 @@ from verb_arguments import arguments
 import flexgen
 from flexgen.benchmarks import tune as tuning
 from flexgen.calibration.poses import StaticPoses
-from flexgen.cli.verbs import calibration, control
+from flexgen.cli.verbs import calibration, control, identify, robot
 from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.identification import motion_fit
+from flexgen.identification.experiments import excitation, experiment
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.laws import chain, motor_laws
 from flexgen.laws.passivity import Passivity
@@ -26,6 +27,12 @@ from flexgen.performance import minimum_time
 from flexgen.planning.guesses import from_solution
 
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
+
+
+def clock(*instants: float) -> SimpleNamespace:
+    """The module `time` whose clock shows these numbers in turn."""
+    rest = iter(instants)
+    return SimpleNamespace(perf_counter=lambda: next(rest))
 
 
 class Found:
@@ -105,10 +112,11 @@ def test_the_verbs_tune_and_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
 
     lines: list[str] = []
     monkeypatch.setattr(tuning, "tune", lambda scenario, **given: Tuned())
+    monkeypatch.setattr(control, "time", clock(1000.0, 1001.5, 2000.0, 2000.25))
     args = arguments("tune", scenario="s", starts=3, evaluations=40, out="c.toml")
     answer = control.tune(args, lines.append)
     assert lines[0] == "tune: 120 evaluations, about two seconds each"
-    assert answer.text.startswith("tuned\n  ") and answer.text.endswith(" s\nwrote c.toml") and answer.problem == ""
+    assert answer.text == "tuned\n  1.5 s\nwrote c.toml" and answer.problem == ""
     assert answer.data == {"score": 2.0, "controller": "c.toml"}
     Tuned.score = SimpleNamespace(accepted=False)
     assert control.tune(args, lines.append).problem == "the tuned controller is refused"
@@ -141,6 +149,48 @@ def test_the_verbs_tune_and_fastest(monkeypatch: pytest.MonkeyPatch) -> None:
     for status, problem in (("LIMITS_EXCEEDED", ""), ("TOLERANCE_NOT_MET", "the fastest move is tolerance not met")):
         Fast.solution = SimpleNamespace(status=flexgen.Status[status])
         assert control.fastest(arguments("fastest", **none), print).problem == problem
+
+
+def test_the_verbs_derive_and_measure_say_how_long_they_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = SimpleNamespace(name="arm", variant="stiff", title="arm@stiff")
+    equations = SimpleNamespace(model=made, sizes=lambda: {"mass_matrix": 12, "forward_dynamics": 345})
+    monkeypatch.setattr(robot, "time", clock(100.0, 102.5))
+    monkeypatch.setattr(robot, "derive_model", lambda args: equations)
+    answer = robot.derive(arguments("derive", latex=False, text=False, json=True), print)
+    sizes = {"mass_matrix": 12, "forward_dynamics": 345}
+    assert answer.data == {"model": "arm", "variant": "stiff", "seconds": 2.5, "functions": sizes}
+    assert [row.split() for row in answer.text.splitlines()[:1]] == [["function", "instructions"]]
+    assert [row.split() for row in answer.text.splitlines()[-2:]] == [
+        ["mass_matrix", "12"],
+        ["forward_dynamics", "345"],
+    ]
+
+    class Run:
+        speed_sd, saturated = np.array([0.25, 0.5]), np.array([0, 3])
+
+        def save(self, path: str) -> str:
+            return path
+
+        def to_text(self) -> str:
+            return "measured"
+
+    lines: list[str] = []
+    monkeypatch.setattr(excitation.Plan, "load", lambda path: SimpleNamespace(duration_s=12.25))
+    monkeypatch.setattr(identify, "read_model", lambda args: made)
+    monkeypatch.setattr(identify, "time", clock(7.0, 7.75, 8.0, 12.0))
+    monkeypatch.setattr(experiment, "measure", lambda plan, robot, **given: Run())
+    answer = identify.measure(arguments("measure", plan="p", raw=None, out="run.npz"), lines.append)
+    assert lines == ["simulating 12 s of arm"]
+    assert answer.data == {
+        **{"model": "arm", "experiment": "run.npz", "duration_s": 12.25, "wall_s": 0.75},
+        **{"speed_rms_rad_s": [0.25, 0.5], "samples_at_torque_limit": [0, 3]},
+    }
+    assert answer.text == "arm: 12.25 s of robot in 0.75 s\n\nmeasured\n\nwrote run.npz"
+    (warning,) = answer.warnings
+    assert warning.startswith("torques were at their limits: 'flexgen frf' refuses these data")
+    monkeypatch.setattr(Run, "saturated", np.array([0, 0]))
+    answer = identify.measure(arguments("measure", plan="p", raw=None, out="run.npz"), lines.append)
+    assert answer.data["wall_s"] == 4.0 and not answer.warnings
 
 
 # --- recordings -------------------------------------------------------------------------------------------------------
