@@ -203,6 +203,98 @@ def test_arrays_come_back_as_numpy_reads_them(tmp_path):
 # --- channels and writing ---------------------------------------------------------------------------------------------
 
 
+HEAD = {"meta": {}, "ports": {"tau_m": [[1], "N m", "torque"]}, "labels": {"tau_m": ["m1"]}}
+TIME, TORQUE = np.array([0.0, 0.5, 1.0]), np.array([[1.0], [2.0], [4.0]])
+
+
+@pytest.mark.parametrize(
+    ("head", "arrays", "text"),
+    [
+        (HEAD, {"head": np.array(["a", "b"])}, r"head: given <U1 of shape \(2,\), expected a text"),
+        (HEAD, {"head": np.array(3.0)}, r"head: given float64 of shape \(\), expected a text"),
+        (HEAD, {"tau_m": TORQUE > 0}, "channel tau_m: given numbers of type bool, expected real numbers"),
+        (HEAD, {"time": TORQUE}, r"time: given shape \(3, 1\), expected one column"),
+        (HEAD, {"time": None}, "given no array time, expected a trajectory; "),
+        (HEAD, {"head": None}, "given no array head, expected a trajectory; "),
+        (HEAD, {"tau_m": None}, "channel tau_m: given no array of this name, expected one"),
+        ({"ports": {"tau_m": [[1], 3, "torque"]}}, {}, r"channel tau_m: invalid port description, expected \[shape, "),
+        ({"ports": {"tau_m": [[1], "N m", 3]}}, {}, "channel tau_m: invalid port description"),
+        ({"ports": {"tau_m": [[1.0], "N m", "torque"]}}, {}, "channel tau_m: invalid port description"),
+        ({"labels": {"tau_m": "m1"}}, {}, "channel tau_m: given labels that are not a list of texts, expected one"),
+        ({"labels": {"tau_m": [1]}}, {}, "channel tau_m: given labels that are not a list of texts"),
+        ({"units": {"tau_m": ["N m", None]}}, {}, "channel tau_m: given units that are not a list of texts"),
+        ({"ports": {f"q{k}": [[1], "rad", ""] for k in range(1001)}}, {}, "given 1001 channels, expected at most 1000"),
+    ],
+)
+def test_archives_that_are_no_trajectories_are_refused(tmp_path, head, arrays, text):
+    path = tmp_path / "a.npz"
+    parts = {"time": TIME, "tau_m": TORQUE, "head": np.array(json.dumps(HEAD | head))} | arrays
+    np.savez(path, **{name: x for name, x in parts.items() if x is not None})
+    with pytest.raises(ArgumentError, match=rf"a\.npz: {text}"):
+        Trajectory.load(path)
+
+
+def test_an_archive_of_whole_numbers_is_a_trajectory(tmp_path):
+    np.savez(tmp_path / "a.npz", time=np.arange(3), tau_m=TORQUE.astype(np.uint8), head=np.array(json.dumps(HEAD)))
+    found = Trajectory.load(tmp_path / "a.npz")
+    assert found.time.dtype == found["tau_m"].dtype == float
+    assert np.array_equal(found["tau_m"], TORQUE) and found.labels["tau_m"] == ("m1",)
+    assert found.ports["tau_m"] == Port("tau_m", (1,), "N m", "torque")
+
+
+def header(text: str, version: int = 1, length: int | None = None) -> bytes:
+    """The start of an .npy file."""
+    size = len(text) if length is None else length
+    return b"\x93NUMPY" + bytes([version, 0]) + size.to_bytes(2 * version, "little") + text.encode("latin-1")
+
+
+NO_HEADERS = (
+    ("{'descr': '<f8', 'fortran_order': False}", "without a header that can be read, expected one of numpy"),
+    ("['descr', 'fortran_order', 'shape']", "without a header that can be read, expected one of numpy"),
+    ("{'descr': ", "without a header that can be read, expected one of numpy"),
+    (" " * 10_001, "without a header that can be read, expected one of numpy"),
+    ("{'descr': '|O', 'fortran_order': False, 'shape': (2,)}", "of type |O, expected numbers or text"),
+    ("{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': ()}", "of type [('a', '<f8')], expected numbers or"),
+    ("{'descr': '|f8x', 'fortran_order': False, 'shape': ()}", "of type |f8x, expected numbers or text"),
+    ("{'descr': '<f8', 'fortran_order': False, 'shape': [2]}", "of shape [2], expected whole numbers >= 0"),
+    ("{'descr': '<f8', 'fortran_order': False, 'shape': (-2,)}", "of shape (-2,), expected whole numbers >= 0"),
+    ("{'descr': '<f8', 'fortran_order': False, 'shape': (2.0,)}", "of shape (2.0,), expected whole numbers >= 0"),
+    ("{'descr': '<f8', 'fortran_order': False, 'shape': (True,)}", "of shape (True,), expected whole numbers >= 0"),
+    (f"{{'descr': '<f8', 'fortran_order': False, 'shape': {(1,) * 33}}}", "expected whole numbers >= 0"),
+)
+
+
+def test_arrays_with_headers_that_are_none_are_refused(tmp_path):
+    """So are those with fewer numbers than the header states, and texts of characters that do not exist."""
+    right = "{'descr': '<f8', 'fortran_order': False, 'shape': (2,)}"
+    rows = [(header(text), told) for text, told in NO_HEADERS]
+    rows += [(header(right, version=3), "without a header that can be read")]
+    rows += [(header(right) + bytes(15), "of shape (2,) and 15 bytes, expected 16 bytes")]
+    beyond = header("{'descr': '<U1', 'fortran_order': False, 'shape': ()}") + b"\0\0\x11\0"
+    for content, told in [*rows, (beyond, "with characters that do not exist, expected a text")]:
+        with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+            archive.writestr("speed.npy", content)
+        with pytest.raises(npz_files.NpzError) as caught:
+            npz_files.read_npz(tmp_path / "a.npz", 10**6)
+        assert str(caught.value).startswith("given the array 'speed' ") and told in str(caught.value)
+
+
+def test_headers_of_both_versions_and_orders_are_read(tmp_path):
+    numbers = np.arange(6.0)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for version in (1, 2):
+            text = f"{{'descr': '<f8', 'fortran_order': {version == 2}, 'shape': (2, 3)}}"
+            archive.writestr(f"v{version}.npy", header(text, version) + numbers.tobytes())
+        most = header("{'descr': '<f8', 'fortran_order': False, 'shape': ()}".ljust(10_000))
+        archive.writestr("longest.npy", most + numbers[:1].tobytes())
+        archive.writestr(
+            "last.npy", header("{'descr': '<U1', 'fortran_order': False, 'shape': ()}") + b"\xff\xff\x10\0"
+        )
+    found = npz_files.read_npz(tmp_path / "a.npz", 10**6)
+    assert np.array_equal(found["v1"], numbers.reshape(2, 3)) and np.array_equal(found["v2"], numbers.reshape(3, 2).T)
+    assert found["longest"].shape == () and found["last"] == chr(0x10FFFF)
+
+
 def test_an_unknown_channel_is_explained(trajectory):
     with pytest.raises(ArgumentError, match=r"given 'tau', expected tau_m \(there are: q_a, tau_m\)"):
         trajectory["tau"]
