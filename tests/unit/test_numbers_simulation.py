@@ -389,3 +389,103 @@ def test_growth_of_perturbations_is_that_of_the_exponential() -> None:
     product = np.linalg.multi_dot(list(steps[::-1]))
     expected = expm(0.1 * state) * scale / scale[:, None]
     assert_allclose(product, expected, atol=1e-9 * np.abs(expected).max())
+
+
+# --- what is given ----------------------------------------------------------------------------------------------------
+def recorded(meta: dict[str, Any] | None = None, **changes: tuple[Any, tuple[str, ...], str] | None) -> Trajectory:
+    """Three samples of the elbow: numbers, labels and unit of each channel; None: without it."""
+    numbers = np.arange(6.0).reshape(3, 2)
+    rows: dict[str, Any] = {
+        "tau_m": (numbers, ("m2", "m1"), "N m"),
+        "q_a": (numbers / 8, ("q1", "q2"), "rad"),
+        "q_m": (numbers * 8, ("m1", "m2"), "rad"),
+        "y_ref": (numbers / 2, ("z", "x"), "m"),
+        "v_a": (numbers * [[0], [1], [1]], ("q1", "q2"), "rad/s"),
+    }
+    rows = {name: row for name, row in (rows | changes).items() if row is not None}
+    ports = {name: Port(name, (len(labels),), unit, "") for name, (_, labels, unit) in rows.items()}
+    labels = {name: row[1] for name, row in rows.items()}
+    return Trajectory(
+        0.1 * np.arange(3), {name: np.array(row[0]) for name, row in rows.items()}, ports, labels, meta or {}
+    )
+
+
+def test_channels_of_a_simulation_have_the_columns_of_the_model() -> None:
+    robot, numbers = flexgen.read("elbow"), np.arange(6.0).reshape(3, 2)
+    found, warnings = simulate._read_channels(robot, recorded({"model": "elbow", "variant": ""}))
+    assert sorted(found) == ["q_a", "q_m", "tau_m", "y_ref"] and warnings == ()
+    assert_array_equal(found["tau_m"], numbers[:, ::-1])
+    assert_array_equal(found["q_a"], numbers / 8)
+    assert_array_equal(found["q_m"], numbers * 8)
+    assert_array_equal(found["y_ref"], numbers[:, ::-1] / 2)
+    mixed = recorded(q_a=(numbers, ("q2", "q1"), "rad or m"), y_ref=None)
+    assert_array_equal(simulate._read_channels(robot, mixed)[0]["q_a"], numbers[:, ::-1])
+    moving = recorded({"model": "arm", "variant": "soft"}, v_a=(numbers - 2e-6, ("q1", "q2"), "rad/s"))
+    _, warnings = simulate._read_channels(robot, moving)
+    other = "the trajectory was written for {}, this is {}"
+    of_other = (other.format("model 'arm'", "'elbow'"), other.format("variant 'soft'", "'none'"))
+    start = "the trajectory does not start at rest; the simulation does: expect an error at the start"
+    assert warnings == (start, *of_other)
+    assert simulate._read_channels(robot, moving, moving=True)[1] == of_other
+    slow = recorded(v_a=(numbers * [[0], [1], [1]] + 0.9e-6, ("q1", "q2"), "rad/s"))
+    assert simulate._read_channels(robot, slow)[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        (
+            {"q_m": None},
+            "trajectory: channel q_m is missing; write one with 'flexgen solve elbow --out FILE'",
+        ),
+        (
+            {"tau_m": (np.zeros((3, 2)), ("m1", "m3"), "N m")},
+            "trajectory channel tau_m: given columns m1, m3, expected m1, m2 for model elbow; take the model that it "
+            "was written for",
+        ),
+        (
+            {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "deg")},
+            "trajectory channel q_m: given in deg, expected in rad (column m1)",
+        ),
+        (
+            {"q_m": (np.zeros((3, 2)), ("m1", "m2"), "rad or m")},
+            "trajectory channel q_m: given in rad or m, expected in rad (column m1)",
+        ),
+        (
+            {"q_a": (np.full((3, 2), np.inf), ("q1", "q2"), "rad")},
+            "trajectory channel q_a: given NaN or infinity, expected finite numbers",
+        ),
+        (
+            {"y_ref": (np.zeros((3, 2)), ("x", "y"), "m")},
+            "trajectory channel y_ref: given columns x, y, expected x, z of finite numbers",
+        ),
+        (
+            {"y_ref": (np.full((3, 2), np.nan), ("x", "z"), "m")},
+            "trajectory channel y_ref: given columns x, z, expected x, z of finite numbers",
+        ),
+    ],
+)
+def test_channels_that_are_not_those_of_the_model_are_refused(changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(ArgumentError) as caught:
+        simulate._read_channels(flexgen.read("elbow"), recorded(**changes))
+    assert str(caught.value) == text
+
+
+def test_arguments_of_a_simulation_are_within_their_ranges() -> None:
+    given = recorded()
+    for held in (None, 0.0, 60.0):
+        for rtol in (2e-14, 9.9e-3):
+            for feedback in ("auto", "none", "ppi"):
+                simulate._check_choices(given, rtol, held, feedback)
+    usual = {"trajectory": "a.csv", "rtol": 1e-9, "held": None, "feedback": "auto"}
+    for changes, text in (
+        ({"trajectory": 3}, "trajectory: given int, expected a Trajectory or the path of a file"),
+        ({"rtol": 1e-14}, "rtol: given 1e-14, expected a relative tolerance between 1e-14 and 1e-2"),
+        ({"rtol": 1e-2}, "rtol: given 0.01, expected a relative tolerance between 1e-14 and 1e-2"),
+        ({"held": -0.1}, "held: given -0.1, expected a time between 0 and 60 s"),
+        ({"held": 60.1}, "held: given 60.1, expected a time between 0 and 60 s"),
+        ({"feedback": "pid"}, "feedback: given 'pid', expected one of auto, none, ppi"),
+    ):
+        with pytest.raises(ArgumentError) as caught:
+            simulate._check_choices(**{**usual, **changes})  # type: ignore[arg-type]
+        assert str(caught.value) == text
