@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -13,7 +14,7 @@ import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.gears import fit, identify
 from flexgen.gears.driven_arm import Element
-from flexgen.gears.result import GearStatus
+from flexgen.gears.result import GearFit, GearStatus, Number
 from flexgen.gears.signals import signals_of
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
@@ -292,3 +293,66 @@ def test_records_that_cannot_be_compared_are_refused() -> None:
             signals_of(given, motors, band)
         assert str(caught.value) == text
     assert signals_of(record(t, q), 2, 49.9).band_hz == 49.9
+
+
+def gear_fit(robot: flexgen.RobotModel, status: GearStatus = GearStatus.FITTED) -> GearFit:
+    """Two springs, of which one is not determined, an element of hysteresis, and a transmission error."""
+    q1, q2 = "element.upper.dof.q1.gear", "element.fore.dof.q2.gear"
+    rows = (
+        ("q1.stiffness", 6e6, (f"{q1}.spring.stiffness", "", -1), True),
+        ("q2.stiffness", 9e6, (f"{q2}.spring.stiffness", "", -1), False),
+        ("q1.hysteresis.stiffness_1", 5e5, (f"{q1}.hysteresis", "stiffness", 0), True),
+        ("q1.hysteresis.lost_motion_1", 2e-4, (f"{q1}.hysteresis", "lost_motion", 0), True),
+        ("q1.hysteresis.lost_motion", 2e-4, ("", "", -1), True),
+        ("q2.transmission_error.cos_1", 3e-5, (f"{q2}.transmission_error", "cos", 0), True),
+        ("q2.transmission_error.sin_4", -4e-5, (f"{q2}.transmission_error", "sin", 1), True),
+        ("m2.cogging.sin_6", 0.05, ("motor.m2.cogging", "sin", 0), True),
+    )
+    numbers = tuple(Number(name, value, 0.01 * abs(value), "", change, known) for name, value, change, known in rows)
+    return GearFit(
+        robot=robot,
+        numbers=numbers,
+        status=status,
+        unexplained=np.array([1.0, 2.0]),
+        noise=np.array([0.1, 0.1]),
+        band_hz=20.0,
+        delay_s=0.0,
+        joints=("q1", "q2"),
+        loops=np.zeros((2, 4, 3)),
+        harmonics=(1, 4),
+        cogging=(6,),
+        laws={f"{q1}.hysteresis": ({},)},
+    )
+
+
+def test_the_model_of_a_fit_has_what_the_record_determines(tmp_path: Path) -> None:
+    robot = flexgen.read("elbow")
+    found = gear_fit(robot)
+    model = found.model
+    first, second = (element.dofs[0].gear for element in model.elements)
+    assert first is not None and second is not None
+    assert first.spring.stiffness == 6e6 and second.spring.stiffness == 4.0999e6  # type: ignore[union-attr]
+    assert (first.hysteresis.stiffness, first.hysteresis.lost_motion) == (5e5, 2e-4)  # type: ignore[union-attr]
+    error = second.transmission_error
+    assert error is not None and tuple(error.harmonics) == (1, 4)
+    assert tuple(error.cos) == (3e-5, 0.0) and tuple(error.sin) == (0.0, -4e-5)
+    assert tuple(model.motors[1].cogging.sin) == (0.05,)  # type: ignore[union-attr]
+    assert model.motors[0] == robot.motors[0]
+    file = found.save(tmp_path / "arm.toml")
+    assert file == tmp_path / "arm.toml" and flexgen.read(file).motors == robot.motors
+    again = flexgen.read(f"{file}@identified")
+    assert again.elements == model.elements and again.motors == model.motors
+    assert "gears identified from motor angles and torques: fitted" in file.read_text()
+    wrong = gear_fit(robot, GearStatus.MODEL_ERROR)
+    assert wrong.sd["q1.stiffness"] is None and found.sd["q1.stiffness"] == 6e4
+    assert wrong.problem.startswith("model error: The model differs from the record") and found.problem == ""
+    assert wrong.save(tmp_path / "fit.json").read_text().startswith("{")
+
+
+def test_a_fit_is_added_to_the_file_of_its_model_only(tmp_path: Path) -> None:
+    """On top of the variant that was identified; a file that has the variant, or no file, is refused."""
+    heavy = gear_fit(flexgen.read("elbow@payload")).save(tmp_path / "heavy.toml")
+    assert flexgen.read(f"{heavy}@identified").payload == flexgen.read("elbow@payload").payload
+    with pytest.raises(ArgumentError, match=r"^write: given a model of heavy\.toml, which has a variant 'identified'"):
+        gear_fit(flexgen.read(heavy)).save(tmp_path / "twice.toml")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["heavy.toml"]
