@@ -6,6 +6,7 @@ import hashlib
 import struct
 from dataclasses import replace
 from inspect import unwrap
+from pathlib import Path
 from types import SimpleNamespace
 
 import casadi as ca
@@ -514,3 +515,77 @@ def test_the_digest_of_a_table_is_of_texts_as_json_and_of_the_bits_of_numbers() 
     content = b"model text  2\n" + b'["elbow", "planar5_nmp"]' + b"tool_error_max float m 2\n"
     content += struct.pack("=2d", 1e-9, -0.0)
     assert Table(columns, values).digest == hashlib.sha256(content).hexdigest()
+
+
+FIRST = "element.upper.dof.q1"
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({}, ""),
+        ({"motor.m1.torque_max": 5.0, "motor.m2.speed_max": 100.0}, ""),
+        ({f"{FIRST}.friction": {"viscous": 3.0, "coulomb": 2.0, "beta": 9.0}}, ""),
+        ({f"{FIRST}.gear": {"type": "rigid"}}, ""),
+        (
+            {f"{FIRST}.gear.spring": {"type": "cubic", "stiffness": 7e6, "cubic": 1e9}},
+            " has a gear with a CubicSpring",
+        ),
+        (
+            {"motor.m2.friction": {"type": "gear", "viscous": 0.1, "viscous_share": 0.5, "viscous_decay": 20.0}},
+            " has a friction law GearFriction",
+        ),
+        (
+            {f"{FIRST}.gear.hysteresis": {"lost_motion": 3e-4, "stiffness": 1e5}},
+            " has hysteresis in the gear of q1",
+        ),
+        (
+            {"motor.m2.lugre": {"stiffness": 1e3, "damping": 1.0, "coulomb": 2.0}},
+            " has lugre in motor m2",
+        ),
+        ({"motor.m2.cogging": {"harmonics": [6], "sin": [0.03]}}, ": motor m2 has cogging"),
+        ({"tool.speed_max": 1.0}, " has limits other than of motor torque and speed"),
+        ({f"{FIRST}.counterbalance": {"sin": [5.0]}}, " has a counterbalance"),
+        ({"element.fore.body.rotational_drag": 2.0}, " has a body with rotational_drag"),
+        ({"payload": {"mass": 3.0, "rotational_drag": 5.0}}, " has a body with rotational_drag"),
+    ],
+    ids=range(13),
+)
+def test_moves_of_a_model_are_computed_at_once_or_it_says_why_not(changes: dict[str, object], why: str) -> None:
+    robot = flexgen.read("elbow", overrides=changes)
+    assert closed_form_batch.unfit(robot) == (f"model elbow{why}" if why else "")
+    if not changes:
+        coupled = replace(robot, motor_coupling="complete")
+        assert closed_form_batch.unfit(coupled) == "model elbow has motor_coupling 'complete'"
+        free = flexgen.read("planar5_nmp")
+        assert closed_form_batch.unfit(free) == "model planar5_nmp has 1 non-actuated coordinates"
+
+
+def test_a_grid_is_described_with_its_models_and_the_samples_of_its_moves(tmp_path: Path) -> None:
+    """A sweep goes on only where all of it is the same: a changed file of samples is another grid."""
+    file = tmp_path / "path.csv"
+    file.write_text("t s,x m\n0,0\n")
+    move = Move("along", "sampled", (0.1, 0.2), 1.0, 5, file=str(file))
+    grid = cases.Grid(
+        ["elbow", "no_such_model"],
+        parameters=[{"payload.mass": np.float64(2.0)}, {"motor.m1.ratio": np.array([3, 4])}],
+        moves=[None, "line", move],
+        options={"verify": False, "mesh": None},
+    )
+    told = grid.describe()
+    assert told["parameters"] == [{"payload.mass": 2.0}, {"motor.m1.ratio": [3, 4]}]
+    assert told["options"] == {"verify": False, "mesh": None} and told["moves"][:2] == [None, "line"]
+    (named,) = told["moves"][2].items()
+    assert named[0] == "Move" and named[1]["name"] == "along" and named[1]["start"] == [0.1, 0.2]
+    assert named[1]["samples"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    first, second = told["models"]
+    assert first["model"] == "elbow" and second["model"] == "no_such_model"
+    assert second["digest"].startswith("unreadable: model: given 'no_such_model', expected a path ending in .toml or")
+    robot = replace(flexgen.read("elbow"), moves=(move,))
+    before = cases.Grid([robot]).describe()["models"]
+    assert before[0]["digest"].split()[1] == named[1]["samples"] and before[0]["model"] == "elbow"
+    file.write_text("t s,x m\n0,1\n")
+    after = cases.Grid([robot]).describe()["models"][0]["digest"].split()
+    assert after[0] == before[0]["digest"].split()[0] and after[1] != named[1]["samples"]
+    file.unlink()
+    assert cases.Grid([robot]).describe()["models"][0]["digest"].endswith(" unreadable: No such file or directory")
