@@ -15,6 +15,7 @@ from flexgen.cuda import driver, inversion
 from flexgen.cuda.arrays import DeviceArray
 from flexgen.cuda.functions import CudaFunction, functions_of
 from flexgen.errors import ArgumentError, BuildError, SolverError
+from flexgen.runtime.many_inversion import InversionOptions
 from flexgen.spec.ports import Port
 
 
@@ -194,3 +195,167 @@ def test_what_a_function_on_a_card_refuses(gpu: FakeDriver) -> None:
     scaled.close("arm")
     with pytest.raises(ArgumentError, match=r"^arm: given a library that was closed"):
         scaled(given)
+
+
+# --- whole inversions -------------------------------------------------------------------------------------------------
+class Problems(ctypes.Structure):
+    _fields_ = tuple((name, ctypes.c_int64) for name in ("count", "own_path", "own_parameters", "own_q_start"))
+
+
+class Samples(ctypes.Structure):
+    _fields_ = ("n", ctypes.c_int64), ("period", ctypes.c_double), *((x, ctypes.c_void_p) for x in ("y", "dy", "ddy"))
+
+
+class Options(ctypes.Structure):
+    _fields_ = ("n_pre", ctypes.c_int), ("n_post", ctypes.c_int), ("samples_per_interval", ctypes.c_int)
+
+
+class Motion(ctypes.Structure):
+    _fields_ = tuple((name, ctypes.c_void_p) for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m"))
+
+
+class Info(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_double) for name in ("residual", "residual_at_samples", "kinematic_mismatch", "growth")),
+        *((name, ctypes.c_int32) for name in ("iterations", "intervals", "n_post")),
+    )
+
+
+STRUCTS = {
+    "problems": Problems,
+    "samples": Samples,
+    "inversion_options": Options,
+    "motion": Motion,
+    "invert_info": Info,
+}
+KINDS = (Problems, Samples, ctypes.c_void_p, ctypes.c_void_p, Options, Motion, ctypes.c_void_p, ctypes.c_void_p)
+
+
+class Solver:
+    """A kernel whose torques are y + dy ddy, times the parameter and plus q_start; positions are -y, twice as many."""
+
+    def __init__(self) -> None:
+        self.started: list[list[Any]] = []
+        self.grids: list[tuple[int, int]] = []
+
+    def bind_arguments(self, where: ctypes.c_void_p) -> int:
+        place = ctypes.cast(where, ctypes.POINTER(ctypes.c_void_p))
+        self.started.append([kind.from_buffer_copy(ctypes.string_at(place[k], ctypes.sizeof(kind)))  # by value
+                             for k, kind in enumerate(KINDS)])  # fmt: skip
+        return len(self.started)
+
+    def run(self, call: ctypes.c_void_p, blocks: int, threads: int) -> None:
+        self.grids.append((blocks, threads))
+        problems, samples, parameters, q_start, options, motion, info, status = self.started[(call.value or 0) - 1]
+        n, total = samples.n, samples.n + options.n_pre + options.n_post
+
+        def numbers(address: int, *shape: int) -> np.ndarray:
+            return np.frombuffer((ctypes.c_double * int(np.prod(shape))).from_address(address)).reshape(shape)
+
+        for k in range(problems.count):
+            y, dy, ddy = (
+                numbers(x, problems.count if problems.own_path else 1, n)[k * problems.own_path]
+                for x in (samples.y, samples.dy, samples.ddy)
+            )
+            factor = numbers(parameters.value, k * problems.own_parameters + 1)[-1]
+            first = numbers(q_start.value, k * problems.own_q_start + 1)[-1]
+            inside = slice(options.n_pre, options.n_pre + n)
+            numbers(motion.tau_m, problems.count, total)[k] = first
+            numbers(motion.tau_m, problems.count, total)[k, inside] = factor * (y + dy * ddy) + first
+            if motion.q_a:
+                numbers(motion.q_a, problems.count, total, 2)[k, inside] = -y[:, None]
+            told = Info.from_address(info.value + k * ctypes.sizeof(Info))
+            told.residual, told.iterations, told.n_post = samples.period * k, 3 + k, options.n_post
+            ctypes.c_int.from_address(status.value + k * ctypes.sizeof(ctypes.c_int)).value = -k
+
+
+def many(card: driver.Card, solver: Solver, asked: list[int], reals: int = 100) -> inversion.CudaManyInverter:
+    """Of a robot with one output, one motor and two coordinates, whose workspace has ``reals`` of a path of 5."""
+    inverter: Any = Made(
+        _sizes={"n_t": 1, "n_y": 1, "n_a": 1},
+        _real=np.dtype(float),
+        _parameters=np.array([2.0]),
+        _structs=STRUCTS,
+        _refuse_closed=lambda: None,
+        _options=lambda n_pre, n_post, samples_per_interval, **more: {
+            "n_pre": n_pre,
+            "n_post": n_post,
+            "samples_per_interval": samples_per_interval,
+        },
+        _work_size=lambda n, options, counts: reals * n // 5,
+        _widths=lambda: {"q_a": 2, "v_a": 2, "a_a": 2, "tau_g": 1, "q_m": 1, "v_m": 1, "tau_m": 1},
+        _interface=Made(sentences={0: "converged", -1: "not converged"}),
+    )
+    return inversion.CudaManyInverter(inverter, card, lambda work: asked.append(work) or solver)  # type: ignore[func-returns-value]
+
+
+def rows(card: driver.Card, x: Any) -> DeviceArray:
+    """A copy on the card in the order of C."""
+    values = np.ascontiguousarray(x, dtype=float)
+    made = DeviceArray.empty(card, values.shape, values.dtype, None, "C")
+    card.write(made._address, values.ctypes.data, values.nbytes, 0)
+    return made
+
+
+def test_many_problems_are_solved_by_one_kernel_with_their_own_numbers(gpu: FakeDriver) -> None:
+    card, solver, asked = driver.Card(0), Solver(), []
+    solve, rng = many(card, solver, asked), np.random.default_rng(5)
+    y, dy, ddy = rng.normal(size=(3, 40, 5, 1))
+    options = InversionOptions(n_pre=2, n_post=3)
+    path, common = [rows(card, x) for x in (y, dy, ddy)], {"period": 0.25, "options": options}
+    start = rows(card, [7.0])
+    found = solve(*path, q_start=start, **common)
+    assert_array_equal(found.tau_m.numpy()[:, 2:7], 2.0 * (y + dy * ddy) + 7.0)
+    assert found.tau_m.shape == (40, 10, 1) and found.q_a is None and (found.tau_m.numpy()[:, 7:] == 7.0).all()
+    assert_array_equal(found.status, -np.arange(40))
+    assert_array_equal(found.residual, 0.25 * np.arange(40))
+    assert_array_equal(found.iterations, 3 + np.arange(40))
+    assert (found.n_post == 3).all() and (found.n_pre, found.period) == (2, 0.25)
+    assert found.sentence(1) == "not converged" and found.sentence(2) == "unknown status -2"
+    assert solver.grids == [(2, 32)] and asked == [104]  # 40 threads; an eighth of 64 more than 100 reals, at most
+    shared, factors = [rows(card, x[0]) for x in (y, dy, ddy)], rows(card, [[1.0], [3.0]])
+    stream = gpu.new_stream()
+    found = solve.on(stream)(*shared, q_start=rows(card, [[5.0], [6.0]]), parameters=factors, outputs=("tau_m", "q_a"),
+                             **common)  # fmt: skip
+    expected = np.array([1.0, 3.0])[:, None, None] * (y + dy * ddy)[0] + np.array([5.0, 6.0])[:, None, None]
+    assert_array_equal(found.tau_m.numpy()[:, 2:7], expected)
+    assert_array_equal(found.q_a.numpy()[:, 2:7], np.tile(-y[0], (2, 1, 2)))
+    assert gpu.launched[-1] == (0, stream.ptr) and solve._stream is None
+    assert asked == [104]  # a workspace of the same size: the same kernel
+    none = solve(*(rows(card, x[:0]) for x in (y, dy, ddy)), q_start=start, **common)
+    assert len(none) == 0 and none.tau_m.shape == (0, 10, 1) and len(solver.started) == 2
+
+
+def test_what_whole_inversions_on_a_card_refuse(gpu: FakeDriver) -> None:
+    card, solver, asked = driver.Card(0), Solver(), []
+    path, start = [rows(card, np.ones((3, 5, 1))) for _ in range(3)], rows(card, [7.0])
+    two, free = rows(card, np.zeros((2, 1))), gpu.free[0]
+    solve = many(card, solver, asked, 36865)
+    needed = "given problems that need 327680 bytes of workspace each, expected at most 300000 on the card; "
+    with pytest.raises(ArgumentError, match=f"^invert_many: {needed}"):
+        solve(*path, period=0.25, q_start=start)
+    solve = many(card, solver, asked, 36864)
+    for changes, text in (
+        ({"period": 0.0}, "invert_many, period: given 0, expected a number above 0, below 1e6 s"),
+        ({"period": 1e6}, r"invert_many, period: given 1e\+06, expected"),
+        ({"outputs": "tau_m"}, "invert_many, outputs: given .tau_m., expected some of q_a, v_a, a_a, tau_g, q_m"),
+        ({"outputs": ("tau",)}, r"invert_many, outputs: given \('tau',\), expected some of"),
+        ({"options": InversionOptions(workers=2)}, "invert_many, workers: given 2 on the card, expected None; "),
+        ({"options": InversionOptions(growth=True)}, "invert_many, growth: given True on the card, expected False; "),
+        ({"q_start": np.zeros(1)}, "invert_many, q_start: given ndarray on the CPU, expected an array on cuda:0"),
+        ({"q_start": two}, "given 3 of y, 3 of dy, 3 of ddy, 2 of q_start, expected the same"),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            solve(*path, **({"period": 0.25, "q_start": start} | changes))
+    solve._inverter._parameters = np.zeros(0)
+    with pytest.raises(
+        ArgumentError, match=r"^invert_many, parameters: given to a library without run-time parameters"
+    ):
+        solve(*path, period=0.25, q_start=start, parameters=start)
+    with pytest.raises(ArgumentError, match="invert_many, stream: given 'mine', expected a stream"):
+        solve.on("mine")
+    gpu.cuStreamSynchronize(0)
+    assert gpu.free[0] == free and not solver.started and not asked
+    solve._inverter._parameters = np.array([2.0])
+    assert len(solve(*path, period=999999.0, q_start=start, parameters=rows(card, np.ones((3, 1))))) == 3
+    assert asked == [36864]
