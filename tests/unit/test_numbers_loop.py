@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -975,3 +976,96 @@ def test_figures_of_a_force_are_largest_sizes_of_its_parts(moments: bool) -> Non
     assert made.force_figures() == {} and made.force_lines() == ()
     vars(made).update(reference=SimpleNamespace(motion={}, time=np.zeros(4)))
     assert made.assumed_force.shape == (4, 6) and not made.assumed_force.any()
+
+
+# --- loops that cannot be ---------------------------------------------------------------------------------------------
+def test_a_loop_is_refused_where_its_numbers_do_not_fit() -> None:
+    model = flexgen.read("elbow")
+    library = SimpleNamespace(precision="double", sizes={"n_a": 2, "n_s": 3})
+    usual: dict[str, object] = {
+        "model": model,
+        "library": library,
+        "hardware": DriveHardware(1e-3),
+        "controller": None,
+        "q_a": np.zeros((3, 2)),
+        "q_m": np.zeros((3, 2)),
+        "rate": 1000.0,
+    }
+    single = SimpleNamespace(precision="single", sizes={"n_a": 2})
+    other = SimpleNamespace(precision="double", sizes={"n_a": 5})
+    for changes, text in (
+        ({"q_a": np.zeros((2, 2))}, r"q_a, q_m: given shapes \(2, 2\), \(3, 2\), expected \(lanes, 2\), \(lanes, 2\)"),
+        ({"q_m": np.zeros((3, 1))}, r"q_a, q_m: given shapes \(3, 2\), \(3, 1\), expected"),
+        ({"library": single}, "library: given namespace.*, expected one of elbow in double precision"),
+        ({"library": other}, "library: given namespace.*, expected one of elbow in double precision"),
+        ({"delay_samples": -1}, "delay_samples: given -1, expected 0 to 64"),
+        ({"delay_samples": np.array([0, 65, 1])}, r"delay_samples: given array\(.*\), expected 0 to 64"),
+        ({"steps": 0}, "steps: given 0, expected a whole number from 1 to 1000"),
+        ({"steps": 1001}, "steps: given 1001, expected a whole number from 1 to 1000"),
+        (
+            {"steps": 3, "rate": 7600.0},  # 2.53 steps in a time constant
+            r"steps: 3 integration steps a sample of 0\.001 s, and the fastest eigenvalue is 7\.6e\+03 1/s: "
+            "expected at most 1000 and a step below 2.5 over the eigenvalue; use a smaller sample time",
+        ),
+        ({"rate": 1.1e6}, r"steps: 1100 integration steps a sample of 0\.001 s, .* at most 1000"),
+        (
+            {"hardware": DriveHardware(1e-3, 0.4e-3), "steps": 2},
+            r"delay_s: given 0\.0004, expected a whole number of integration steps of 0\.0005 s; take a multiple",
+        ),
+        (
+            {"hardware": DriveHardware(1e-3, 0.5022e-3), "steps": 2},
+            r"delay_s: given 0\.0005022, expected a whole number of integration steps",
+        ),
+        ({"sensors": SensorChannels.ideal(2)}, "sensors: given 2 channels, expected 3"),
+    ):
+        with pytest.raises(ArgumentError, match=text):
+            closed_loop.ClosedLoop(**{**usual, **changes})  # type: ignore[arg-type]
+
+    class Stop(Exception):
+        pass
+
+    class Last:
+        """The controller that is compiled once all of that is right."""
+
+        def compiled(self, setup: Setup) -> None:
+            raise Stop(setup.n_y)
+
+    for changes, n_y in (
+        ({}, 2),
+        ({"delay_samples": 64, "steps": 3, "rate": 7400.0}, 2),
+        ({"hardware": DriveHardware(1e-3, 0.5e-3), "steps": 2}, 2),
+        ({"sensors": SensorChannels.ideal(3)}, 5),
+        ({"sensors": SensorChannels.ideal(3), "exact_state": True}, 13),
+    ):
+        with pytest.raises(Stop, match=f"^{n_y}$"):
+            closed_loop.ClosedLoop(**{**usual, "controller": Last(), **changes})  # type: ignore[arg-type]
+
+
+def test_disturbances_of_a_loop_have_a_row_for_each_step() -> None:
+    loop: Any = object.__new__(closed_loop.ClosedLoop)
+    loop.model, loop.steps, loop.lanes, loop._robots = (
+        flexgen.read("elbow"),
+        2,
+        3,
+        SimpleNamespace(pushed=0, disturbed=9),
+    )
+    assert loop._disturb(None, 5) == () and loop._robots.disturbed == 0
+    torques = np.zeros((10, 8, 1))
+    torques[:, :2] = 1.0
+    kept = loop._disturb(torques, 5)
+    assert loop._robots.disturbed == 1 and any(np.array_equal(x, torques) for x in kept)
+    loop._disturb(np.repeat(torques, 3, axis=2), 5)
+    assert loop._robots.disturbed == 3
+    for shape in ((10, 8), (9, 8, 1), (10, 7, 1), (10, 8, 2)):
+        with pytest.raises(ArgumentError) as caught:
+            loop._disturb(np.zeros(shape), 5)
+        assert str(caught.value) == f"disturbances: given shape {shape}, expected (10, 8, 1 or 3)"
+    with pytest.raises(ArgumentError, match="disturbances: given entries that are not finite, expected numbers"):
+        loop._disturb(np.where(np.arange(8)[None, :, None] == 1, np.nan, torques), 5)
+    push = torques.copy()
+    push[4, 7] = 1e-3
+    with pytest.raises(ArgumentError, match="a force on the tool needs a library with forward_dynamics_tool_force"):
+        loop._disturb(push, 5)
+    loop._robots.pushed = 1
+    pushing = [x for x in loop._disturb(push, 5) if x.dtype == np.uint8]
+    assert [x.tolist() for x in pushing] == [[0, 0, 0, 0, 1, 0, 0, 0, 0, 0]]
