@@ -99,6 +99,42 @@ def test_a_law_takes_from_the_passivity_of_a_damped_joint(delay: float, monkeypa
     assert_allclose(expected, (d + D - K * delay) / length**2, rtol=5e-3)  # K: a spring with late forces
 
 
+def test_controllers_with_signals_that_a_force_changes_at_once_have_no_passivity() -> None:
+    """A torque behind a spring does not jump with a force: what the force does to the links takes time. Others do."""
+    sensors = [
+        {"name": "torque1", "type": "joint_torque", "coordinate": "q1", "unit": "N m"},
+        {"name": "acc", "type": "accelerometer", "element": "tool", "axes": ["x", "z"], "unit": "m/s^2"},
+    ]
+    equations, q = derive(flexgen.read("elbow", overrides={"sensor": sensors})), np.array([0.3, 0.5])
+    mass, J = (np.array(equations.function(name)(q)) for name in ("mass_matrix", "jacobian"))
+    push = np.zeros((8, 3))
+    push[4:6] = np.linalg.solve(mass, J[:3].T)
+    point = {"q_a": q, "v_a": np.array([0.2, -0.4]), "a_a": np.zeros(2)}
+
+    def check(*used: int, memory: bool = False, scale: float = 1.0) -> None:
+        gains = np.zeros((2, 5))
+        gains[0, list(used)] = 1.0
+        none = np.zeros((2, 2))
+        B, D = (gains, 0 * gains) if memory else (0 * gains, gains)
+        loop: Any = Made(
+            model=Made(A=np.zeros((8, 8)), push=scale * push),
+            controller=Made(matrices=tuple(x[None] for x in (none, B, none, D))),
+        )
+        passivity._check_signals(loop, equations, point)
+
+    check(0, 1)
+    check(0, 1, 2)
+    check(2, memory=True)
+    for signal, name in ((3, r"acc\.x"), (4, r"acc\.z")):
+        for memory in (False, True):
+            with pytest.raises(
+                ArgumentError, match=f"controller that uses {name}, which a force on the tool changes a"
+            ):
+                check(0, signal, memory=memory)
+    with pytest.raises(ArgumentError, match="controller that uses torque1, which a force on the tool changes at once"):
+        check(2, scale=0.5)
+
+
 def test_torques_of_gears_need_a_sensor_each_without_delay() -> None:
     model = flexgen.read("elbow")
 
