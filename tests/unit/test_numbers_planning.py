@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from types import SimpleNamespace as Made
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -15,6 +19,13 @@ from flexgen.planning import guesses, reference_curve
 from flexgen.planning.obstacles import HalfSpace, Sphere, arm_points, distance_rows
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Part:
+    """A segment with this law."""
+
+    law: Any
 
 
 def test_a_guess_between_equilibria_begins_and_ends_there() -> None:
@@ -82,6 +93,31 @@ def test_the_polynomial_of_a_path_goes_through_its_samples() -> None:
     assert_allclose(np.array(curve(s[None])).T, wanted, atol=1e-8)
     beyond = np.array(curve(1.5)).ravel()
     assert_allclose(beyond, ends[0] + 1.5 * (ends[1] - ends[0]), atol=1e-8)  # a line stays one
+
+
+def test_a_path_that_is_no_polynomial_is_for_several_phases() -> None:
+    """One of several segments, and one with a corner."""
+    equations = flexgen.derive("elbow")
+    path = Path(equations, equations.model.moves[0])
+    path.segments = (path.segments[0], path.segments[0])
+    with pytest.raises(ArgumentError) as caught:
+        reference_curve.path_by_parameter(path)
+    assert str(caught.value) == (
+        "move line: given one of 2 segments, expected a single one; use one phase for each segment"
+    )
+    corner = Made(move=Made(name="corner"), duration=1.0, segments=(Part(TimeLaw(1.0, 5)),))
+    corner.sample = lambda s: Made(y=np.abs(s - 0.4)[:, None, None] + [[[0.0], [1.0]]], R=None)
+    with pytest.raises(ArgumentError) as caught:
+        reference_curve.curve(corner, ca.SX.sym("s"))
+    assert str(caught.value).startswith(
+        "move corner: its curve is not a smooth function of the path parameter, expected"
+    )
+    round_off = Made(move=Made(name="arc"), duration=1.0, segments=(Part(TimeLaw(1.0, 5)),))
+    round_off.sample = lambda s: Made(y=np.stack([np.cos(2 * s), np.sin(2 * s)], axis=1)[:, :, None], R=None)
+    x = ca.SX.sym("s")
+    made = ca.Function("arc", [x], [reference_curve.curve(round_off, x)])
+    s = np.linspace(0.0, 1.0, 7)
+    assert_allclose(np.array(made(s[None])), [np.cos(2 * s), np.sin(2 * s)], atol=1e-9)
 
 
 def test_distances_of_the_arm_from_obstacles() -> None:
