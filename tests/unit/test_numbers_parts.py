@@ -14,6 +14,7 @@ from flexgen.analysis.mechanisms import on_one_chain
 from flexgen.benchmarks import bench
 from flexgen.benchmarks.bench import Bench
 from flexgen.calibration import result as calibrated
+from flexgen.deadline import OutOfTime
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.recordings import experiment_file
 from flexgen.loop import margins
@@ -154,12 +155,37 @@ def test_a_transient_is_one_beyond_six_deviations_of_the_ratio(factor: float, se
         ({"against": "95 %", "force": np.zeros((5, 3))}, "against: given with a force, expected one of both: the"),
         ({"time_limit": -1.0}, "time_limit: given -1.0, expected a time >= 0 in s; None or 0: no limit"),
         ({"vibration": 0.0}, "vibration: given 0.0, expected a size > 0 in m, or rad where the output has no lengths"),
+        ({"against": "90 %"}, "against: given '90 %', expected '95 %' or None"),
     ],
 )
 def test_arguments_of_fastest_have_bounds(given: dict[str, Any], text: str) -> None:
     with pytest.raises(ArgumentError) as caught:
         flexgen.fastest("elbow", **given)
     assert str(caught.value).startswith(text)
+
+
+def test_fastest_keeps_a_margin_for_robots_of_a_table_without_curves() -> None:
+    """The torques that feedback needs are not known over the speed."""
+    table = {"uncertainty": {"stiffness": 0.1}}
+    curves = {"motor.m1.torque_speed": [[0.0, 9.0], [300.0, 3.0]]}
+    robot = flexgen.read("elbow", overrides=table | curves)
+    with pytest.raises(ArgumentError) as caught:
+        flexgen.fastest(robot, against="95 %")
+    text = "against: given with torque-speed curves, expected none; Limits(reserve=) leaves torque"
+    assert str(caught.value) == text
+
+
+def test_a_search_for_the_fastest_move_ends_with_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def find(robot: Any, move: Any, asked: Any, progress: Any) -> None:
+        raise OutOfTime("in the middle")
+
+    monkeypatch.setattr(minimum_time, "_find_fastest", find)
+    with pytest.raises(SolverError) as caught:
+        flexgen.fastest("elbow", time_limit=2.5)
+    assert str(caught.value) == (
+        "fastest: the time limit of 2.5 s is over (in the middle); allow more with time_limit= (--time-limit SECONDS), "
+        "or take fewer coefficients"
+    )
 
 
 @pytest.mark.parametrize("count", [4, 60])
