@@ -13,9 +13,11 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import eig
 
 import flexgen
 from flexgen.analysis import solvability, zeros, zeros_along_path
+from flexgen.analysis.linear import linearize
 from flexgen.analysis.mean_friction import is_linear
 from flexgen.codegen.kinematic_functions import kinematic_constants
 from flexgen.codegen.motor_constants import motor_constants
@@ -136,6 +138,28 @@ def test_unknown_parameters_are_answered_with_the_names_of_groups() -> None:
 
 
 # --- analysis --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("phase", ["minimum phase", "non-minimum phase"])
+def test_zeros_of_robots_whose_rotors_turn_with_the_arm_are_those_of_the_pencil(phase: str) -> None:
+    """Generalized eigenvalues of [[A - s I, B], [C, 0]]; a double one is accurate to the root of rounding."""
+    turning = {"motor_coupling": "complete", "motor.m1.carrier": "base", "motor.m2.carrier": "arm1"}
+    turning |= {"motor.m1.axis": [0, 0, 1], "motor.m2.axis": [0, 0, 1]}
+    robot = flexgen.read("planar5_mp" if phase == "minimum phase" else "planar5_nmp", overrides=turning)
+    equations = flexgen.derive(robot)
+    rest = statics.hold_joints(equations, np.array(robot.home))
+    at = linearize(equations, rest)
+    report = zeros.zero_report(equations, at, rest)
+    A, B = at.state_space()
+    C, n = np.hstack([at.W, np.zeros_like(at.W)]), len(A)
+    roots = eig(np.block([[A, B], [C, np.zeros((2, 2))]]), np.diag([1.0] * n + [0.0] * 2), right=False)
+    roots = roots[np.abs(roots) < 1e5]
+    assert len(report.zeros) == len(roots) == 4 and report.phase == phase
+    for root in roots:
+        assert np.abs(report.zeros - root).min() < 1e-5 * abs(root)
+    unstable = roots.real.max() if phase.startswith("non") else np.inf
+    assert report.unstable_time_constant_s == pytest.approx(1 / unstable, rel=1e-6)
+    assert report.preview_s == pytest.approx(np.log(1e6) / unstable, rel=1e-6)
 
 
 def test_zeros_of_pencils_and_state_spaces_are_the_roots_of_their_polynomials() -> None:
