@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.inversion.limits import Limits
 from flexgen.planning import model_limits
@@ -144,3 +145,25 @@ def test_parameters_of_a_function_are_counted() -> None:
 
     assert _parameters(plain) == 4 and _parameters(lambda: None) == 0 and _parameters(lambda self, x: None) == 2
     assert _parameters(free) > 10
+
+
+def test_bounds_of_limits_are_one_for_each_part() -> None:
+    limits = flexgen.Limits(torque=(4.0, 6.0), reserve=0.25, deflection=(0.1,), tool_speed=2.0)
+    assert_allclose(limits.bounds("torque", 2), [4.0, 6.0])
+    assert_allclose(limits.bounds("gear_torque", 3), np.full(3, np.inf))
+    assert_allclose(limits.deflections(1), [0.1])
+    less = limits.without("torque", "tool_speed")
+    assert less == flexgen.Limits(reserve=0.25, deflection=(0.1,))
+    with pytest.raises(ArgumentError) as caught:
+        limits.bounds("tool_speed", 1)
+    assert str(caught.value).startswith("limits: given kind 'tool_speed', expected one of torque, speed, ")
+    with pytest.raises(ArgumentError, match=r"^limits: given kinds .*tau.*, expected fields of flexgen\.Limits$"):
+        limits.without("torque", "tau")
+    for size in (-1, 10**9):
+        with pytest.raises(ArgumentError, match=r"^limits, number of torque bounds: given .*, expected 0 to \d+$"):
+            limits.bounds("torque", size)
+    for size in (1, 3):
+        with pytest.raises(
+            ArgumentError, match=rf"^limits: given torque \(4\.0, 6\.0\), expected {size} positive numb"
+        ):
+            limits.bounds("torque", size)
