@@ -13,8 +13,9 @@ from scipy.linalg import solve_discrete_lyapunov
 
 import flexgen
 from flexgen.equations_text.printing import Name, escape_latex
+from flexgen.errors import ArgumentError
 from flexgen.exports.plcopen import text
-from flexgen.laws import linearising, lq, motor_laws
+from flexgen.laws import linearising, lq, motor_laws, state_lq
 from flexgen.laws.lq import LQG, _Design, regulator
 from flexgen.laws.state_lq import LQ
 from flexgen.loop.sampled_model import sample_model
@@ -155,3 +156,47 @@ def test_the_force_that_the_filter_expects_is_small_for_small_robots() -> None:
     sizes = {"planar5_nmp": 50.0, "beam_arm": 8.0 + 0.8}
     for name, force in sizes.items():
         assert _Design(flexgen.read(name), 5e-4, 0.0, LQG()).tool_force == pytest.approx(force, rel=1e-12)
+
+
+def test_state_feedback_has_gains_of_its_own_for_each_part_of_a_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """81 samples: 27 parts of 3, since at most 40; the poses of the parts have other masses, and so other gains."""
+
+    class Poses:
+        def __init__(self, model: Any) -> None:
+            assert model.name == "drive"
+
+        def at(self, points: list[np.ndarray]) -> Any:
+            position, factor = float(points[0][0, 0]), float(points[1][0])
+            assert position == factor - 1.0 and [len(x) for x in points] == [1, 1]
+            made = two_masses()
+            made.B = made.B * factor
+            return made
+
+    model: Any = Made(name="drive", n_a=1, n_m=1, dof=2, sensors=(), motors=(Made(torque_max=3.0),))
+    asked: list[int] = []
+
+    def parts(samples: int) -> list[np.ndarray]:
+        asked.append(samples)
+        return [np.arange(27.0)[:, None], 1.0 + np.arange(27.0)]
+
+    reference = Made(time=np.arange(81.0), parts=parts)
+    motion: Any = Made(
+        model=model, reference=reference, sample_s=0.01, delay_s=0.004, exact_state=True, state_channel=1
+    )
+    motion.link_channels = lambda law: None
+    monkeypatch.setattr(state_lq, "PoseModels", Poses)
+    bound = inspect.unwrap(LQ.bound)
+    found = bound(LQ(rho=0.5), motion)
+    assert asked == [3] and found.samples == 3
+    assert len(found.matrices[0]) == 27
+    for k in (0, 11, 26):
+        at = two_masses()
+        F, G = sample_model(at.A, (1.0 + k) * at.B, 0.01, 0.004)
+        K = regulator(at, F, G, 0.5, np.array([3.0]))
+        expected = LQ()._part(K, motion, None, 5)
+        for x, y in zip(found.matrices, expected, strict=True):
+            assert_allclose(x[k], y, rtol=1e-12)
+    rigid: Any = Made(model=Made(name="drive", n_a=1, n_m=1, dof=1))
+    with pytest.raises(ArgumentError) as caught:
+        bound(LQ(), rigid)
+    assert str(caught.value) == "controller LQ: given the model drive with rigid gears, expected elastic ones"
