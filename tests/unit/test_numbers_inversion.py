@@ -14,7 +14,7 @@ import flexgen
 from flexgen.codegen import constants_header
 from flexgen.codegen.motor_constants import motor_constants
 from flexgen.errors import SolverError
-from flexgen.inversion import settling
+from flexgen.inversion import limits, settling
 from flexgen.inversion.methods import closed_form
 from flexgen.inversion.motor_side import deflections
 from flexgen.inversion.reduced_problem import Reduction
@@ -184,3 +184,64 @@ def test_reduced_problems_close_the_kinematics_from_afar_and_refuse_singular_sta
     poor: Any = Made(q_start=stretched, sample=lambda at: path.sample(at))
     with pytest.raises(SolverError, match="the output does not determine the actuated coordinates at the start"):
         reduction.start(poor)
+
+
+@pytest.mark.parametrize(
+    ("torque", "deflection", "text"),
+    [
+        ([5.0, 7.0], [0.03], ""),
+        ([np.inf, np.inf], [np.inf], ""),
+        (
+            [4.9, 7.0],
+            [0.03],
+            "motor {0} needs 5 N m to hold the arm at rest at the ends of the path, its limit is 4.9 N",
+        ),
+        (
+            [5.0, 6.9],
+            [0.03],
+            "motor {1} needs 7 N m to hold the arm at rest at the ends of the path, its limit is 6.9 N",
+        ),
+        (
+            [5.0, 7.0],
+            [0.029],
+            "coordinate {2} is deflected by 0.03 at rest at the ends of the path, its limit is 0.029; raise it or",
+        ),
+    ],
+    ids=range(5),
+)
+def test_limits_hold_the_arm_at_both_ends_of_the_path(
+    torque: list[float], deflection: list[float], text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second motor and the deflection are larger at the end, which is found along the path from its start."""
+    model = flexgen.read("planar5_nmp")
+    (elastic,) = model.i_e
+
+    class Rest:
+        def __init__(self, t: float) -> None:
+            self.t = t
+
+        def start(self, path: Any) -> Any:
+            return Made(q_a=np.full(model.n_a, 0.5))
+
+        def follow(self, path: Any, t: np.ndarray, q_a: np.ndarray) -> np.ndarray:
+            assert t[0] == 0.0 and t[-1] == 2.0 and (np.diff(t) > 0).all()
+            return q_a + t[:, None]
+
+        def equilibrium(self, path: Any, t: float, guess: np.ndarray) -> Any:
+            assert t == self.t
+            assert_allclose(guess, np.full(model.n_a, 0.25 if t == 0.0 else 2.5))
+            q_a = np.zeros(model.n_a)
+            q_a[elastic] = 0.01 if t == 0.0 else -0.03
+            return Made(q_a=q_a, tau_m=np.array([-5.0, 3.0] if t == 0.0 else [4.0, -7.0]))
+
+    monkeypatch.setattr(limits, "Reduction", Rest)
+    path = Made(q_start=np.full(model.n_a, 0.25), duration=2.0)
+    problem: Any = Made(equations=Made(model=model), path=path, at_rest=lambda t: t)
+    bounds: Any = Made(torque=np.array(torque), deflection=np.array(deflection))
+    if not text:
+        limits._Bounds.check_equilibrium(bounds, problem)
+        return
+    names = [*(motor.name for motor in model.motors), model.coordinates[elastic].name]
+    with pytest.raises(SolverError) as caught:
+        limits._Bounds.check_equilibrium(bounds, problem)
+    assert str(caught.value).startswith("limits: " + text.format(*names))
