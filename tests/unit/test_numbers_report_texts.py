@@ -12,8 +12,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import flexgen
+from flexgen.errors import SolverError
 from flexgen.loop.result import output_errors
-from flexgen.reports import texts
+from flexgen.reports import pictures, texts
 
 
 @pytest.mark.parametrize(
@@ -165,3 +166,62 @@ def test_errors_of_a_pose_are_lengths_and_an_angle() -> None:
     assert_allclose(angle, [0.1, 0.2], rtol=1e-7)
     reference.R_ref = None
     assert output_errors(equations, reference, at)[1] is None
+
+
+def test_a_report_says_why_the_torque_begins_early() -> None:
+    early, late = (Made(method="lq", trajectory=Made(time=np.array([t, 1.0]))) for t in (-0.1, 0.0))
+    full = Made(method="full", trajectory=early.trajectory)
+    unstable, stable = (Made(zeros=Made(phase=phase)) for phase in ("non-minimum phase", "minimum phase"))
+    told = {
+        "because": "It starts before the path because the zero dynamics is unstable: only pre-actuation keeps it",
+        "none": "No zero is unstable, so no pre-actuation is needed.",
+        "full": "Before the path it results from the optimization, which weighs the tool error and changes of torque.",
+    }
+    for solution, analysis, key in (
+        (early, unstable, "because"),
+        (late, unstable, "none"),
+        (early, stable, "none"),
+        (full, unstable, "full"),
+    ):
+        assert pictures._early_torque(solution, analysis).startswith(told[key])  # type: ignore[arg-type]
+    assert pictures._early_torque(early, None) == ""  # type: ignore[arg-type]
+
+
+def test_a_report_says_where_errors_grow_after_the_samples() -> None:
+    error = np.array([[0.0, 1e-3], [-2e-3, 0.0]])
+    drawn = {"trajectory": {"error": error}}
+    for m, rad, told in ((3.9e-3, None, False), (4.1e-3, None, True), (None, 4.1e-3, True), (1e-4, 4e-3, True)):
+        run = Made(tool_error_max_m=m, tool_error_max_rad=rad, **drawn)
+        text = pictures._after_the_samples(Made(simulation=run))  # type: ignore[arg-type]
+        assert text.startswith(" The errors in the summary are larger: they also cover the time after") == told
+        assert bool(text) == told
+    none = Made(tool_error_max_m=None, tool_error_max_rad=None, **drawn)
+    for solution in (Made(simulation=None), Made(simulation=none)):
+        assert pictures._after_the_samples(solution) == ""  # type: ignore[arg-type]
+
+
+def test_zeros_along_a_path_are_drawn_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr(pictures, "Path", lambda equations, move: move)
+    monkeypatch.setattr(pictures.along_path, "zeros_along", lambda model, found: drawn.append(found) or b"svg")
+    equations: Any = Made(model=Made(n_e=1, inversion_obstacle=lambda: None))
+    solution: Any = Made(move="line")
+    some = Made(zeros=np.array([[np.nan, -3.0]]), verdict="all poses are minimum phase")
+    monkeypatch.setattr(pictures, "zero_path", lambda equations, path: some)
+    (picture,) = pictures._zeros_along(equations, solution)
+    assert drawn == [some] and "zeros_along" in vars(picture).values()
+    assert "Zeros at the equilibrium poses along the path. All poses are minimum phase." in vars(picture).values()
+    none = Made(zeros=np.full((3, 2), np.nan), verdict="")
+    monkeypatch.setattr(pictures, "zero_path", lambda equations, path: none)
+    assert pictures._zeros_along(equations, solution) == []
+
+    def fail(equations: Any, path: Any) -> Any:
+        raise SolverError("singular")
+
+    monkeypatch.setattr(pictures, "zero_path", fail)
+    assert pictures._zeros_along(equations, solution) == []
+    monkeypatch.setattr(pictures, "zero_path", lambda equations, path: some)
+    for changes in ({"n_e": 0}, {"inversion_obstacle": lambda: "rigid"}):
+        model = Made(**({"n_e": 1, "inversion_obstacle": lambda: None} | changes))
+        assert pictures._zeros_along(Made(model=model), solution) == []  # type: ignore[arg-type]
+    assert len(drawn) == 1
