@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,11 +24,22 @@ from flexgen.calibration.tree import Tree, rotations
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
 
-NAMES = ("elbow", "manutec_r3")
+NAMES = ("elbow", "manutec_r3", "mechanism")
 
 
 def robot(name: str) -> flexgen.RobotModel:
-    """With trackers at the tool, on the first moving element, and on the base, and a payload."""
+    """With trackers at the tool, on the first moving element, and on the base, and a payload.
+
+    ``mechanism``: the elbow with a hand that both joints turn.
+    """
+    hand: dict[str, Any] = {}
+    if name == "mechanism":
+        name, elements = "elbow", tomllib.loads(Path(flexgen.read("elbow").file).read_text())["element"]
+        turn = {"name": "q3", "type": "rotation", "axis": [0, 1, 0], "mimic": {"q1": -0.6, "q2": 0.4}}
+        body = {"mass": 30.0, "com": [0.2, 0.0, 0.1], "inertia": [1.0, 1.0, 1.0]}
+        hand = {
+            "element": [*elements, {"name": "hand", "origin": {"position": [1.2, 0, 0]}, "body": body, "dof": [turn]}]
+        }
     model = flexgen.read(name)
     first = model.elements[0].name
     trackers: list[dict[str, Any]] = [
@@ -34,7 +47,7 @@ def robot(name: str) -> flexgen.RobotModel:
         {"name": "u", "type": "tracker", "unit": "m", "element": first, "position": [0.1, 0.0, 0.05]},
     ]
     payload = {"payload": {"mass": 4.0}} if name == "elbow" else {}
-    return flexgen.read(name, overrides={"sensor": trackers, **payload})
+    return flexgen.read(name, overrides={**hand, "sensor": trackers, **payload})
 
 
 def case(name: str, seed: int = 1) -> tuple[Statics, Numbers, list[Any], np.ndarray]:
@@ -54,7 +67,15 @@ def test_slopes_of_all_numbers_are_differences(name: str) -> None:
     rest = statics.rest(numbers)
     found = statics.slopes(numbers, rest, unknowns)
     assert found.shape == (4, 2, 3, len(unknowns)) and {u.kind for u in unknowns} >= {"node", "frame", "tracker"}
+    factors = [u.name for u in unknowns if u.kind == "factor"]
+    assert factors == (["q3.mimic.q1", "q3.mimic.q2"] if name == "mechanism" else [])
     for k, unknown in enumerate(unknowns):
+        if (
+            factors
+            and unknown.kind not in ("factor", "compliance")
+            and unknown.name not in ("q1.zero", "q2.zero", "hand.mass")
+        ):
+            continue  # as without a mechanism
         h = {"node": 1e-6, "frame": 1e-6, "tracker": 1e-6, "center": 1e-3}.get(unknown.kind, 1e-3 * abs(x[k]))
         more, less = (
             statics.rest(Numbers.of(statics.tree, unknowns, x + s * h * (np.arange(len(x)) == k))).measured
