@@ -338,6 +338,39 @@ def test_errors_of_outputs_are_in_metres_and_radians() -> None:
     assert in_m == pytest.approx(0.25 * np.sqrt(m)) and in_rad is None
 
 
+def test_the_error_of_a_pose_is_a_distance_and_an_angle() -> None:
+    """The reference is the pose of the tool, moved and turned by known amounts; the last sample is after the record."""
+    equations = derive("manutec_r3")
+    robot, rng = equations.model, np.random.default_rng(3)
+    assert robot.output.type == "tool_pose"
+    q_a = rng.uniform(-0.5, 0.5, (4, robot.n_a))
+    places = [[np.array(x) for x in equations.function("forward_kinematics")(q)] for q in q_a]
+    off = np.array([[0.0, 0.0, 0.0], [3e-3, 0.0, -4e-3], [1e-3, 2e-3, 2e-3], [0.0, 0.0, 0.02]])
+    angles = np.array([0.0, 0.02, 1.5, 3.0])
+    turns = Rotation.from_rotvec(angles[:, None] * [0.6, 0.0, 0.8]).as_matrix()
+    given = {
+        "y_ref": np.array([p.ravel() for p, _ in places]) - off,
+        "R_ref": np.array([(turn @ R).ravel() for turn, (_, R) in zip(turns, places, strict=True)]),
+        "tau_m": rng.normal(size=(4, robot.n_m)),
+    }
+    data: Any = Made(time=np.array([0.0, 0.1, 0.2]))
+    more = [rng.normal(size=(4, n)) for n in (robot.n_a, robot.n_m, robot.n_m)]
+    in_m, in_rad, found = result.record_motion(equations, data, given, (q_a, *more))
+    assert in_m == pytest.approx(0.02) and in_rad == pytest.approx(3.0)
+    assert_allclose(found["error"], off[:3], atol=1e-12)
+    assert_allclose(found["turn"], angles[:3, None], atol=1e-7)
+    assert found.labels["error"] == ("x", "y", "z") and found.labels["turn"] == ("angle",)
+    assert (found.ports["error"].unit, found.ports["turn"].unit) == ("m", "rad")
+    for name, values in zip(("q_a", "v_a", "q_m", "v_m", "tau_m"), (q_a, *more, given["tau_m"]), strict=True):
+        assert_array_equal(found[name], values[:3])
+    del given["R_ref"]
+    in_m, in_rad, found = result.record_motion(equations, data, given, (q_a, *more))
+    assert in_m == pytest.approx(0.02) and in_rad is None and "turn" not in found
+    del given["y_ref"]
+    in_m, in_rad, found = result.record_motion(equations, data, given, (q_a, *more))
+    assert in_m is None and in_rad is None and "error" not in found
+
+
 def test_speeds_of_the_start_come_from_the_first_sample_or_are_zero() -> None:
     robot = flexgen.read("elbow")
     names_a, names_m = [c.name for c in robot.coordinates], [robot.motors[j].name for j in robot.i_m]
