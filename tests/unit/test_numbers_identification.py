@@ -78,9 +78,13 @@ def test_a_tenth_of_a_second_of_motion_gives_a_spring(tmp_path: Path) -> None:
     check_numbers("motion_fit", 1e-5, found=found, figures=figures)
     # Priors that are far narrower than what the data show: the deviations are those of the priors.
     priors = {"q1.stiffness": 1e-11, "q2.stiffness": 2e-11}
-    known = fit_motion(truth, path, free=list(priors), segment_s=0.02, priors=priors)
+    known = fit_motion(truth, path, free=list(priors), segment_s=0.02, priors=priors, validate=path)
     assert_allclose(known.formal_covariance, np.diag([1e-22, 4e-22]), rtol=1e-3, atol=1e-26)
     assert springs(known.model) == pytest.approx(springs(truth), rel=1e-9)
+    # Validated by the same recordings: what was not fitted is explained as well as what was.
+    assert_allclose(known.held_out_percent, known.fit_percent, atol=1e-3)
+    assert repr(known).endswith(f" {found.segments} segments>") and "fit 100.0 %, 100.0 %" in repr(known)
+    assert found.held_out_percent == () and known.segments == found.segments
     for given, text in (
         ({"segment_s": 1e-3}, "expected at least 4 samples"),
         ({"free": []}, "free: given no parameter"),
