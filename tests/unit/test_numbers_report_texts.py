@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.errors import SolverError
 from flexgen.loop.result import output_errors
-from flexgen.reports import pictures, texts
+from flexgen.reports import analysis_page, control_page, pictures, result_page, texts
 
 
 @pytest.mark.parametrize(
@@ -225,3 +225,112 @@ def test_zeros_along_a_path_are_drawn_where_there_are_any(monkeypatch: pytest.Mo
         model = Made(**({"n_e": 1, "inversion_obstacle": lambda: None} | changes))
         assert pictures._zeros_along(Made(model=model), solution) == []  # type: ignore[arg-type]
     assert len(drawn) == 1
+
+
+# --- pages ------------------------------------------------------------------------------------------------------------
+Page = tuple[Path, str, list[str]]
+
+
+def pages_of(module: Any, monkeypatch: pytest.MonkeyPatch) -> list[Page]:
+    """What a module gives to `write_page`: folder, text, and names of the pictures."""
+    out: list[Page] = []
+
+    def write(directory: Path, parts: list[str], drawn: list[Any]) -> Path:
+        out.append((directory, "".join(parts), [picture.name for picture in drawn]))
+        return directory / "index.html"
+
+    monkeypatch.setattr(module, "write_page", write)
+    return out
+
+
+def test_the_page_of_a_score_has_its_parts_or_why_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = pages_of(control_page, monkeypatch)
+    monkeypatch.setattr(control_page.plots, "plot_score", lambda score: "figure")
+    scenario = Made(
+        title="Two <masses>", title_line="two masses, 2 & 3", published="a plant", ours="a draw", rule="no force"
+    )
+    scenario.sets = {"soft": (1, 2), "late": (3,)}
+    row = {
+        "measure": "rise & fall",
+        "unit": "s",
+        "weight": 0.25,
+        "reference": 0.5,
+        "nominal": 0.75,
+        "soft": 2.0,
+        "late": 1e-5,
+    }
+    score: Any = Made(
+        scenario=scenario,
+        controller="mine",
+        accepted=True,
+        total=0.98765,
+        parts={"nominal": 0.9, "soft": 1.23456},
+        spread_words="worst draw 1.1",
+        rule="not the published score",
+        table=[row],
+        refused=["the torque is too large"],
+    )
+    assert control_page.write_score(score, "page") == Path("page/index.html")
+    folder, text, drawn = written[0]
+    assert folder == Path("page") and drawn == ["score"]
+    assert "<h1>Two &lt;masses&gt;: mine</h1>" in text and "two masses, 2 &amp; 3" in text
+    assert "<b>V = 0.9877</b> (nominal 0.9000, soft 1.2346; worst draw 1.1); the reference controller has about" in text
+    for part in ("Published: a plant", "Of this project: a draw", "Rule: no force", "<b>not the published score</b>"):
+        assert part in text
+    assert "<th>worst of soft</th>" in text.replace(' class="n"', "") and "refused" not in text
+    cells = "<td>rise &amp; fall</td><td>s</td><td>0.250</td><td>0.5</td><td>0.75</td><td>2</td><td>"
+    assert cells in text.replace(' class="n"', "")
+    score.spread_words = score.rule = scenario.rule = ""
+    control_page.write_score(score, "page")
+    assert "soft 1.2346); the reference controller" in written[1][1] and "Rule:" not in written[1][1]
+    score.accepted = False
+    control_page.write_score(score, "page")
+    text = written[2][1]
+    assert "refused, no score" in text and "<li>the torque is too large</li>" in text
+    assert "<h2>Measures</h2>" not in text and "V =" not in text and written[2][2] == ["score"]
+
+
+def test_the_page_of_an_analysis_has_pictures_of_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = pages_of(analysis_page, monkeypatch)
+    monkeypatch.setattr(analysis_page, "linear_pictures", lambda analysis, where: [Made(name=where)])
+    monkeypatch.setattr(analysis_page, "compliance_plot", lambda analysis: "figure")
+    monkeypatch.setattr(analysis_page.along_path, "zeros_along", lambda model, path: path.verdict)
+    monkeypatch.setattr(analysis_page, "dynamics_tables", lambda analysis: "<p>modes</p>")
+    model = Made(
+        title="arm@soft",
+        description="one axis",
+        coordinates=[Made(name="q1", unit="rad"), Made(name="s", unit="m")],
+        motors=[Made(name="m1")],
+    )
+    rest = Made(q_a=np.array([0.5, -0.25]), tau_m=np.array([12.5]))
+    some = Made(zeros=np.array([[np.nan, -3.0]]), verdict="all are stable")
+    none = Made(zeros=np.full((2, 2), np.nan), verdict="none")
+    soft, stiff = Made(matrix=np.eye(6)), Made(matrix=np.zeros((6, 6)))
+    base = ["at this equilibrium"]
+    for compliance, path, warnings, names in (
+        (soft, some, ("beware & look",), [*base, "compliance", "zeros_along"]),
+        (stiff, some, (), [*base, "zeros_along"]),
+        (None, none, (), base),
+        (soft, None, (), [*base, "compliance"]),
+    ):
+        analysis: Any = Made(model=model, equilibrium=rest, compliance=compliance, zero_path=path)
+        analysis.solvability = Made(warnings=warnings)
+        assert analysis_page.write_analysis(analysis, "page") == Path("page/index.html")
+        _, text, drawn = written[-1]
+        assert drawn == names and ("beware &amp; look" in text) == bool(warnings)
+        assert ('<div class="warn">' in text) == bool(warnings)
+        plain = text.replace(' class="n"', "")
+        assert "<td>q1</td><td>0.5</td><td>rad</td>" in plain and "<td>m1</td><td>12.5</td><td>N m</td>" in plain
+        assert "<td>s</td><td>\N{MINUS SIGN}0.25</td><td>m</td>" in plain
+        assert "<h1>arm@soft: analysis of an equilibrium</h1>" in text and "one axis." in text and "modes" in text
+
+
+def test_the_page_of_another_result_is_its_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = pages_of(result_page, monkeypatch)
+    rest = flexgen.Equilibrium(np.array([0.5]), np.array([50.0]), np.array([3.0]), np.array([300.0]))
+    assert result_page.write_result(rest, "page") == Path("page/index.html")
+    _, text, drawn = written[0]
+    assert "<h1>Equilibrium</h1>" in text and rest._repr_html_() in text and drawn == []
+    monkeypatch.setattr(flexgen.Equilibrium, "plot", lambda self: "figure")
+    result_page.write_result(rest, "page")
+    assert written[1][2] == ["picture"]
