@@ -15,6 +15,7 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import elements as nouns
 from flexgen.model import reader
 from flexgen.model.format_robot import rotation_matrix
+from flexgen.model.moves import Move, MoveC, MoveL
 from flexgen.model.reader import model_names, read
 from flexgen.spec.toml_lines import Scanner, leaves, parse, unwrap, wrap
 
@@ -287,6 +288,34 @@ def test_overrides(good):
     for wrong in ({"payload.mass": None}, {"payload.mass": object()}, {"payload": {1: 2}}, {"": 1}, {"name.x": 1}):
         with pytest.raises(ModelError):
             read(good, overrides=wrong)
+
+
+def test_legs_of_a_move_are_lines_and_arcs():
+    """Zones where the tool does not stop, none in the last leg; speeds in a move with a profile only."""
+    first = {"displacement": [0.1, 0, -0.2], "zone": 0.05, "rotation_deg": [0, 90, 0], "speed": 0.5}
+    last = {"displacement": [0.3, 0, 0], "via": [0.15, 0, 0.1]}
+    row = {"name": "corner", "type": "tool_polyline", "start_deg": [30.0, -20.0], "radius": 0.2, "smoothness": 6}
+
+    def move(*legs: dict, **more: object) -> Move:
+        moved = {"move": [{**row, **more, "legs": list(legs)}], "output": {"type": "tool_pose"}}
+        return read("elbow", overrides=moved).moves[0]
+
+    found = move(first, last, profile=[1.0, 4.0, 50.0])
+    turn = (0.0, math.pi / 2, 0.0)
+    line = MoveL((0.1, 0.0, -0.2), zone=0.05, rotation=turn, speed=0.5)
+    assert found.legs == (line, MoveC((0.3, 0.0, 0.0), via=(0.15, 0.0, 0.1)))
+    assert (found.profile, found.radius, found.type) == ((1.0, 4.0, 50.0), 0.2, "tool_polyline")
+    slow = {key: x for key, x in first.items() if key != "speed"}
+    assert move(slow, last, duration=1.5).legs[0] == MoveL((0.1, 0.0, -0.2), zone=0.05, rotation=turn)
+    for legs, where in (
+        ((first, last), "legs[0].speed"),
+        ((slow, last | {"zone": 0.1}), "legs[1].zone"),
+        (({key: x for key, x in slow.items() if key != "zone"}, last), "legs[0].zone"),
+        ((), "legs"),
+    ):
+        with pytest.raises(ModelError) as caught:
+            move(*legs, duration=1.5)
+        assert caught.value.key == f"move.corner.{where}"
 
 
 def test_lookup(good, monkeypatch):
