@@ -393,6 +393,29 @@ def steps_of(made: bound.BoundLaw, count: int = 3) -> tuple[np.ndarray, list[np.
     return y, [made.step(k, Measurement(y[k, :2], y[k, 2:]), planned) for k in range(count)]
 
 
+@pytest.mark.parametrize(
+    ("delay", "parts"),
+    [
+        (0.0, []),
+        (1e-3, [(1, 1e-3, 10)]),
+        (0.45e-3, [(1, 0.45e-3, 5)]),
+        (2.4e-3, [(3, 0.4e-3, 4), (2, 1e-3, 10), (1, 1e-3, 10)]),
+    ],
+    ids=range(4),
+)
+def test_a_prediction_has_steps_for_each_torque_under_way(delay: float, parts: list[tuple[int, float, int]]) -> None:
+    """The oldest torque first; then half a sample, in which the new one acts. At 10,000 steps in a second."""
+    none = np.zeros((2, 2))
+    made = law("joint_torque", none, none, (), Timing(1e-3, delay, True), steps_per_s=9999.0)
+    found, half = made._segments()
+    assert [(age, steps) for age, _, steps in found] == [(age, steps) for age, _, steps in parts] and half == 5
+    assert_allclose([duration for _, duration, _ in found], [duration for _, duration, _ in parts])
+    assert made._delayed == max((age for age, *_ in parts), default=0)
+    slow = law("joint_torque", none, none, (), Timing(1e-3, delay, True), steps_per_s=1.0)
+    assert [steps for *_, steps in slow._segments()[0]] == [1] * len(parts) and slow._segments()[1] == 1
+    assert law("joint_torque", none, none, (), Timing(1e-3, delay))._segments() == ([], 0)
+
+
 def test_steps_of_computed_torque_and_joint_torque_by_hand() -> None:
     chance = np.random.default_rng(9)
     functions, eta = Functions(), np.array([[10.0, 2.0], [0.0, -20.0]])
