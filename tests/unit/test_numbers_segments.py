@@ -16,6 +16,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.model.moves import MoveC, MoveJ, MoveL
 from flexgen.paths import move_planner, timed_segments
 from flexgen.paths.blended_curve import BlendedCurve
+from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
 from flexgen.paths.segments import Arc
 from flexgen.paths.timed_segments import TimedSegment
@@ -175,6 +176,59 @@ def test_a_segment_that_would_become_too_slow_passes_a_singular_pose(monkeypatch
     limits.update(slowdown=lambda v, a: 10000.0)
     with pytest.raises(SolverError, match=r"^path: the joint limits would slow it down by a factor of 1\.0e\+04; it"):
         plan(1.0, 2.0, 3.0)
+
+
+def swing(t: np.ndarray) -> list[np.ndarray]:
+    """Joints of the elbow over time, their speeds and accelerations, (n, 2) each."""
+    w, turn = np.array([1.0, 2.0]), np.array([0.0, np.pi / 2])
+    rows = [w**k * np.sin(w * t[:, None] + turn + k * np.pi / 2) * [0.4, 0.3] for k in range(3)]
+    return [rows[0] + [0.3, 0.5], rows[1], rows[2]]
+
+
+def test_joints_along_a_path_are_those_of_the_closed_form() -> None:
+    """Of the elbow: x = l1 sin q1 + l2 cos s, z = l1 cos q1 - l2 sin s, s = q1 + q2, with two derivatives by hand."""
+    l1, l2 = 1.15, 1.241
+    t = np.linspace(0.0, 2.0, 41)
+    q, v, a = swing(t)
+    q1, s = q[:, 0], q.sum(axis=1)
+    v1, vs, a1, as_ = v[:, 0], v.sum(axis=1), a[:, 0], a.sum(axis=1)
+    sin1, cos1, sins, coss = np.sin(q1), np.cos(q1), np.sin(s), np.cos(s)
+    rates = {
+        1: [l1 * cos1 * v1 - l2 * sins * vs, -l1 * sin1 * v1 - l2 * coss * vs],
+        2: [
+            l1 * (cos1 * a1 - sin1 * v1**2) - l2 * (sins * as_ + coss * vs**2),
+            -l1 * (sin1 * a1 + cos1 * v1**2) - l2 * (coss * as_ - sins * vs**2),
+        ],
+    }
+    y = np.stack([l1 * sin1 + l2 * coss, l1 * cos1 - l2 * sins], axis=1)
+    sample: Any = Made(y=y[:, :, None], R=None, derivative=lambda k: np.stack(rates[k], axis=1))
+    kinematics = InverseKinematics(flexgen.derive("elbow"))
+    found = kinematics.follow(sample, q[0] + [0.05, -0.05])
+    assert_allclose(found, q, atol=1e-10)
+    for x, expected in zip(kinematics.velocities(sample, found), (v, a), strict=True):
+        assert_allclose(x, expected, atol=1e-9)
+    far: Any = Made(y=np.array([[[9.0], [0.0]]]), R=None)
+    with pytest.raises(SolverError, match="inverse kinematics: "):
+        kinematics.follow(far, q[0])
+
+
+def test_limits_of_joints_and_motors_slow_a_motion_down() -> None:
+    """Speeds by their factor, accelerations by its root, motors through their ratios; also between the instants."""
+    first, t = "element.upper.dof.q1", np.linspace(0.0, 3.0, 21)
+    _, v, a = swing(t)
+    for changes, factor in (
+        ({f"{first}.speed_max": 0.1}, 0.4 / 0.1),
+        ({f"{first}.speed_max": 0.8}, 0.4 / 0.8),
+        ({f"{first}.acceleration_max": 0.025}, (0.4 / 0.025) ** 0.5),
+        ({f"{first}.speed_max": 0.1, f"{first}.acceleration_max": 0.1}, 4.0),
+        ({f"{first}.speed_max": 0.4, f"{first}.acceleration_max": 0.004}, 10.0),
+        ({"motor.m1.speed_max": 50.0}, 0.4 * 1872 / 7 / 50.0),
+        ({"motor.m2.speed_max": 10.0, "motor.m1.speed_max": 1e3}, 0.6 * 757 / 3 / 10.0),
+        ({}, 0.0),
+    ):
+        made = InverseKinematics(Made(model=flexgen.read("elbow", overrides=changes)))  # type: ignore[arg-type]
+        assert made.has_limits == bool(changes)
+        assert made.slowdown(v, a) == pytest.approx(factor, rel=2e-3)
 
 
 def test_a_path_across_the_axes_of_the_output_is_refused() -> None:
