@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from types import SimpleNamespace as Made
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicHermiteSpline, interp1d
 from scipy.optimize import minimize, nnls
 
+import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade
 from flexgen.position_servo.filters import Notch
 from flexgen.servo.inverse import holding_offset, invert_servo
+from flexgen.servo.result import PositionCommands
 from flexgen.servo.samples import basis, fit_samples, fit_within
 from flexgen.servo.servo import Servo
 
@@ -143,3 +150,77 @@ def test_samples_within_limits_are_those_of_another_solver() -> None:
     )
     cost = [np.sum((B @ c - r[:, 0]) ** 2) for c in (found[:, 0], other.x)]
     assert cost[0] <= cost[1] * (1 + 1e-4)
+
+
+# --- the positions ----------------------------------------------------------------------------------------------------
+def positions(eigenvalue: float = 0.9, saturated: int = 0, failure: str = "", **changes: Any) -> PositionCommands:
+    """Three positions of the elbow, the second joint made to slide, with runs that were made up."""
+    model = flexgen.read("elbow")
+    solution = Made(status=flexgen.Status.SOLVED, move=Made(name="line"))
+    loops = {"begin": Made(largest_eigenvalue=lambda: 0.5), "end": Made(largest_eigenvalue=lambda: eigenvalue)}
+    run = Made(
+        model=model,
+        solution=solution,
+        nominal=Made(saturated=saturated, failure=failure),
+        runs=[Made(name="nominal"), Made(name="soft")],
+        figures=lambda run: {"error_max_m": 3e-4, "error_max_rad": None},
+        tool_error_max_m=1e-4,
+        tool_error_max_rad=None,
+        loops=lambda: loops,
+        reference=Made(time=np.zeros(1000)),
+    )
+    fields: dict[str, Any] = {
+        "time": np.array([-0.5, -0.496, -0.492]),
+        "motor": np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 7.0]]),
+        "joint": np.array([[0.5, 0.125], [0.502, 0.126], [0.501, 0.128]]),
+        "joints": ("q1", "s"),
+        "units": ("rad", "m"),
+        "period": 0.004,
+        "interpolation": "linear",
+        "servo": Made(),
+        "run": run,
+        "today": Made(tool_error_max_m=1e-3, tool_error_max_rad=None),
+        "active": (),
+    }
+    made = object.__new__(PositionCommands)
+    vars(made).update(fields | changes)
+    return made
+
+
+def test_positions_are_saved_in_the_units_of_a_robot(tmp_path: Path) -> None:
+    found = positions()
+    assert_allclose(found.speed, [[0.5, 0.25], [-0.25, 0.5]])
+    assert_allclose(found.acceleration, [[-187.5, 62.5]])
+    lines = found.save(tmp_path / "a.csv").read_text().splitlines()
+    assert lines[0] == "time_s,q1_deg,s_mm" and len(lines) == 4
+    assert lines[1] == "-0.5,28.6478897565,125" and lines[3].startswith("-0.492,") and lines[3].endswith(",128")
+    lines = found.save(tmp_path / "b.csv", "rad").read_text().splitlines()
+    assert lines[:2] == ["time_s,q1_rad,s_m", "-0.5,0.5,0.125"]
+    again = flexgen.Trajectory.load(found.save(tmp_path / "c.npz"))
+    assert_allclose(again.time, found.time)
+    assert_allclose(again["command_m"], found.motor)
+    assert_allclose(again["command_g"], found.joint)
+    assert again.labels["command_m"] == ("m1", "m2") and again.labels["command_g"] == ("q1", "q2")
+    assert again.meta == {"model": "elbow", "kind": "position commands", "interpolation": "linear"}
+    data = json.loads(found.save(tmp_path / "d.json").read_text())
+    assert (data["model"], data["move"], data["status"]) == ("elbow", "line", "solved")
+    assert data["joint"] == found.joint.tolist() and data["before"] == 0.5 and data["samples"] == 3
+    assert (
+        data["tool_error_max_m"] == 1e-4 and data["today_error_max_m"] == 1e-3 and data["soft.tool_error_max_m"] == 3e-4
+    )
+
+
+def test_positions_of_an_unstable_loop_are_not_sent() -> None:
+    """It is looked for where the error is not much smaller than that of the planned angles: here not below half."""
+    worse = {"today": Made(tool_error_max_m=1.9e-4, tool_error_max_rad=None)}
+    grows = np.exp(np.log(1e3) / 1000)  # a thousandfold over the motion
+    assert positions(grows * 1.001).status == "solved"
+    assert positions(grows * 0.999, **worse).status == "solved"
+    text = "failed: the loop of servo and robot is unstable, eigenvalue {:.5g} in the end of the motion"
+    assert positions(grows * 1.001, **worse).status == text.format(grows * 1.001)
+    assert positions(saturated=3).problem == "3 samples at the torque limit"
+    assert positions(failure="it fell", saturated=3).problem == "it fell"
+    limited = positions(active=("speed of q1",))
+    assert limited.status == "limits active: speed of q1" and limited.problem == ""
+    limited.run.solution.status = flexgen.Status.LIMITS_ACTIVE
+    assert limited.status == "limits active: those of the solution, speed of q1"
