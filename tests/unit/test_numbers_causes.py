@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from flexgen.analysis.gear_changes import Linearization, fit_changes
 from flexgen.errors import ModelError
-from flexgen.identification.causes import hypotheses
+from flexgen.identification.causes import explain, hypotheses
 from flexgen.identification.causes.explain import Cause
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.recordings import description, experiment_file
@@ -296,3 +296,39 @@ class Motion:
     def __getitem__(self, name: str) -> np.ndarray:
         assert name == "q_a"
         return self.q_a
+
+
+def test_a_factor_of_the_responses_is_fitted_with_the_numbers_and_its_prior() -> None:
+    """Linear residuals in a number and in the logarithm of the factor: the minimum of the squares with both priors."""
+    rows = np.array([[2.0, 0.0], [0.0, 0.4], [0.3, 0.3]])
+    target = np.array([3.0, 0.5, 0.2])
+    start, sd = np.array([0.8]), np.array([0.6])
+
+    def on(data: float) -> Any:
+        def weight(x: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
+            r = (rows @ [x[0], np.log(data)] - target + 0j)[None, :, None, None]
+            return r, rows[None, :, None, None, :1] + 0j if derivatives else None
+
+        def cost(x: np.ndarray) -> float:
+            return float((np.abs(weight(x, False)[0]) ** 2).sum())
+
+        def sums(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+            return cost(x), rows[:, :1].T @ weight(x, False)[0].real.ravel(), rows[:, :1].T @ rows[:, :1]
+
+        vector = Made(start=start, prior_sd=sd, bounds=(np.array([-9.0]), np.array([9.0])))
+        return Made(data=data, vector=vector, count=1e-12, weight=weight, cost=cost, sums=sums, on=on)
+
+    told: list[float] = []
+    change: Any = hypotheses.Changed(lambda data, factor: data * factor, lambda factor: told.append(factor) or "late")
+    cost, words, factor = explain.refit(on(1.0), change, np.array([2.5]))
+    prior = np.diag(1 / np.array([0.6, explain.LARGEST_FACTOR]))
+    best = np.linalg.lstsq(np.vstack([rows, prior]), np.r_[target, prior @ [0.8, 0.0]], rcond=None)[0]
+    assert factor == pytest.approx(np.exp(best[1]), rel=1e-5) and words == "late" and told == [factor]
+    assert cost == pytest.approx(((rows @ best - target) ** 2).sum(), rel=1e-5)
+    # a fault that is a whole one is not scaled: only the numbers are fitted, from where they began
+    gross: Any = hypotheses.Changed(lambda data, factor: data * 2.0 * factor, lambda factor: "swapped", gross=True)
+    cost, words, factor = explain.refit(on(1.0), gross, np.array([2.5]))
+    left = target - rows[:, 1] * np.log(2.0)
+    only = np.linalg.lstsq(np.vstack([rows[:, :1], prior[:1, :1]]), np.r_[left, 0.8 / 0.6], rcond=None)[0]
+    assert (words, factor) == ("swapped", 1.0)
+    assert cost == pytest.approx(((rows[:, :1] @ only - left) ** 2).sum(), rel=1e-5)
