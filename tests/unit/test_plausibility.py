@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 from shipped_models import all_variants
 
 import flexgen
+from flexgen import type_checks
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.plausibility.finding import MARKS
+from flexgen.type_checks import checked_types
 
 MODELS = ["planar5_nmp", "planar5_mp", "elbow", "kr300", "manutec_r3", "manutec_r3_18", "beam_arm", "urdf_arm"]
 
@@ -60,6 +63,44 @@ def test_a_cause_that_cannot_be_found_leaves_the_error(monkeypatch):
     monkeypatch.setattr("flexgen.mechanics.equations.Equations.__init__", overflow)
     with pytest.raises(SolverError, match=r"derive: the computation failed .*int too large"):
         flexgen.derive(str(read("elbow").file))
+
+
+def test_an_error_of_the_search_for_a_cause_has_no_cause_itself(monkeypatch):
+    """The search for implausible numbers calls functions of models, too: their errors are as they are."""
+    asked = []
+
+    @checked_types
+    def inner(model: str) -> None:
+        raise np.linalg.LinAlgError("singular")
+
+    @checked_types
+    def outer(model: str, power: float) -> None:
+        raise OverflowError("too large")
+
+    def search(model):
+        asked.append(model)
+        with pytest.raises(np.linalg.LinAlgError, match="singular"):
+            inner(model)
+        return "; gravity is large"
+
+    monkeypatch.setattr(type_checks, "find_function", lambda name: {"Check.implausible": search}[name])
+    for call in (lambda: outer("arm", 2.0), lambda: outer(power=2.0, model="arm")):
+        with pytest.raises(SolverError) as caught:
+            call()
+        text = str(caught.value)
+        assert text.startswith(
+            "outer: the computation failed (too large); check the numbers of the model with flexgen."
+        )
+        assert text.endswith("; gravity is large") and isinstance(caught.value.__cause__, OverflowError)
+    assert asked == ["arm", "arm"]
+
+    @checked_types
+    def other(model: str) -> None:
+        raise ValueError("not of numbers")
+
+    with pytest.raises(ValueError, match="not of numbers"):
+        other("arm")
+    assert len(asked) == 2
 
 
 def test_commands_in_rows_of_different_lengths_are_refused():
