@@ -349,10 +349,16 @@ def test_a_chain_is_stable_up_to_its_largest_frequency(predicted: bool) -> None:
     assert_allclose(cubic, [(4 * np.pi) ** 3, 3 * (4 * np.pi) ** 2, 12 * np.pi], rtol=1e-12)
 
 
-def test_gains_of_tomei_hold_the_arm_against_gravity() -> None:
-    """The least eigenvalue of springs and gains is above the largest change of gravity, by differences."""
-    equations = derive("elbow")
-    model = equations.model
+@pytest.mark.parametrize("coupled", [False, True])
+def test_gains_of_tomei_hold_the_arm_against_gravity(coupled: bool) -> None:
+    """The least eigenvalue of springs and gains is above the largest change of gravity, by differences.
+
+    ``coupled``: the first motor turns both joints.
+    """
+    drives = {"motor.m1.drives": ["q1", "q2"], "motor.m1.ratio": [250.0, -90.0]}
+    equations = derive(flexgen.read("elbow", overrides=drives if coupled else {}))
+    model, shares = equations.model, np.array([1.0, 3.0])
+    assert np.count_nonzero(model.eta) == 2 + coupled
     poses = np.linspace([0.2, -0.8], [1.2, 0.9], 20)
     motion: Any = SimpleNamespace(
         model=model, equations=equations, reference=SimpleNamespace(time=np.arange(20.0), motion={"q_a": poses})
@@ -365,16 +371,16 @@ def test_gains_of_tomei_hold_the_arm_against_gravity() -> None:
     K = np.diag([model.coordinates[i].dof.gear.spring.stiffness for i in model.i_g])
 
     def least(k_p: float) -> float:
-        outer = model.eta.T @ (k_p * np.eye(2)) @ model.eta
+        outer = model.eta.T @ (k_p * np.diag(shares)) @ model.eta
         return float(np.linalg.eigvalsh(np.block([[K, -K], [-K, K + outer]])).min())
 
     low, high = 1e-6, 1e6
     for _ in range(100):
         middle = np.sqrt(low * high)
         low, high = (middle, high) if least(middle) <= alpha else (low, middle)
-    motor_laws._check_gravity(motion, 1.01 * high * np.ones(2))
+    motor_laws._check_gravity(motion, 1.01 * high * shares)
     with pytest.raises(ArgumentError) as caught:
-        motor_laws._check_gravity(motion, 0.99 * low * np.ones(2))
+        motor_laws._check_gravity(motion, 0.99 * low * shares)
     words = (
         f"springs and gains is {least(0.99 * low):.4g} and gravity changes by {alpha:.4g} N m/rad; expected the first"
     )
