@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from types import SimpleNamespace as Made
 from typing import Any
@@ -522,3 +523,59 @@ def test_arguments_of_a_simulation_are_within_their_ranges() -> None:
         with pytest.raises(ArgumentError) as caught:
             simulate._check_choices(**{**usual, **changes})  # type: ignore[arg-type]
         assert str(caught.value) == text
+
+
+@dataclass(frozen=True)
+class Alone:
+    """The errors of a simulation in open loop."""
+
+    tool_error_max_m: float | None = None
+    tool_error_max_rad: float | None = None
+    later_error_max_m: float | None = None
+    later_error_max_rad: float | None = None
+
+
+@pytest.mark.parametrize(
+    ("whole", "later", "errors", "kept", "rtol"),
+    [
+        (None, 0.0, Alone(1e-11), Alone(1e-11), 1e-9),  # rounding is 1e-12: below a tenth of the error
+        (None, 0.0, Alone(0.9e-11), None, 1e-9),
+        (9.9, 0.0, Alone(1e-6), Alone(1e-6), 1e-9),
+        (10.0, 0.0, Alone(1e-6), Alone(1e-6), 1e-10),
+        (1e6, 0.0, Alone(None, 1.1e-5), Alone(None, 1.1e-5), 1e-10),
+        (1e6, 0.0, Alone(0.9e-5, 0.9e-5), None, 1e-10),
+        (1e6, 0.0, Alone(), None, 1e-10),
+        (0.99e11, 0.0, Alone(1.0), Alone(1.0), 1e-10),
+        (1.01e11, 0.0, Alone(9.0), None, None),  # it falls: rounding grows to more than 0.1 m
+        (1e3, 1e6, Alone(1e-3, None, 1.1e-5), Alone(1e-3, None, 1.1e-5), 1e-10),
+        (1e3, 1e6, Alone(1e-3, None, 0.9e-5, 1e-6), Alone(1e-3), 1e-10),  # the later error is that of rounding
+        (1e3, 99.0, Alone(1e-3, None, 1e-10), Alone(1e-3, None, 1e-10), 1e-10),  # rounding is below 1e-10 m
+        (1e3, 1e6, "failed", None, 1e-10),
+    ],
+    ids=range(13),
+)
+def test_errors_in_open_loop_are_told_where_rounding_does_not_decide_them(
+    whole: float | None,
+    later: float,
+    errors: Alone | str,
+    kept: Alone | None,
+    rtol: float | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[float] = []
+
+    def once(task: Any, rtol: float, feedback: Any, progress: Any) -> Any:
+        assert (task, feedback) == ("task", None)
+        asked.append(rtol)
+        if errors == "failed":
+            raise SolverError("it fell")
+        return errors
+
+    monkeypatch.setattr(simulate, "_simulate_once", once)
+    found: Any = simulate._simulate_open_loop(
+        "task",  # type: ignore[arg-type]
+        1e-9,
+        None if whole is None else growth.Growth(1.0, whole, later),
+        None,
+    )
+    assert found == kept and asked == ([] if rtol is None else [pytest.approx(rtol)])
