@@ -589,3 +589,76 @@ def test_a_grid_is_described_with_its_models_and_the_samples_of_its_moves(tmp_pa
     assert after[0] == before[0]["digest"].split()[0] and after[1] != named[1]["samples"]
     file.unlink()
     assert cases.Grid([robot]).describe()["models"][0]["digest"].endswith(" unreadable: No such file or directory")
+
+
+def test_moves_that_a_batch_takes_and_that_it_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Joint moves with a polynomial law, of a robot that fits, without verification; one batch for each time law."""
+    robots = {
+        "a": flexgen.read("elbow"),
+        "b": flexgen.read("planar5_nmp"),
+        "bad": "no model",
+        "odd": flexgen.read("elbow"),
+    }
+    move = Move("swing", "joint", (0.1, 0.2), 1.0, 5, end=(0.3, -0.4))
+
+    def fail(robot: object) -> Move:
+        raise ArgumentError("no such move")
+
+    def job(number: int, key: str = "a", method: str = "auto", of: object = None, **changes: object) -> SimpleNamespace:
+        chosen = of or (lambda robot: replace(move, **changes))  # type: ignore[arg-type]
+        return SimpleNamespace(number=number, key=key, method=method, move_of=chosen)
+
+    jobs = [
+        job(0),
+        job(1, method="closed-form", end=(0.0, 0.0)),
+        job(2, duration=2.0),
+        job(3, "b"),
+        job(4, "bad"),
+        job(5, method="lq"),
+        job(6, of=fail),
+        job(7, type="output_line"),
+        job(8, start=(0.1,)),
+        job(9, end=(0.1, 0.2, 0.3)),
+        job(10, duration=0.0),
+        job(11, profile=(1.0, 2.0)),
+        job(12, start=(0.1, np.nan)),
+        job(13, smoothness=3),  # the torque would jump
+        job(14, "odd"),
+        job(15, of=lambda robot: robot.moves[0].name),  # a line of the tool
+    ]
+    made, sizes = [], []
+
+    def moves(equations: str, law: TimeLaw, library: str) -> tuple[str, float]:
+        made.append((equations, law.duration, law.smoothness, library))
+        if equations == "equations of odd":
+            raise ArgumentError("refused")
+        return equations, law.duration
+
+    def figures(robot: object, mover: tuple[str, float], starts: np.ndarray, ends: np.ndarray) -> list[dict]:
+        sizes.append((mover[1], starts.tolist(), ends.tolist()))
+        return [{"torque_max": float(k)} for k in range(len(starts))]
+
+    monkeypatch.setattr(batches, "_MOVERS", {})
+    monkeypatch.setattr(batches, "JointMoves", moves)
+    monkeypatch.setattr(batches, "structural_index", lambda equations: SimpleNamespace(index=4))
+    monkeypatch.setattr(batches, "_library", lambda key, equations: f"library of {key}")
+    monkeypatch.setattr(batches, "figures_or_reasons", figures)
+    shard = SimpleNamespace(jobs=jobs, robots=robots, options={"verify": False, "batch": True, "mesh": None})
+    asked = batches.Batches(shard, lambda key, robot: f"equations of {key}")  # type: ignore[arg-type, return-value]
+    found = asked.rows()
+    assert {number: row["torque_max"] for number, (row, _) in found.items()} == {0: 0.0, 1: 1.0, 2: 0.0}
+    assert all(row["move"] == "swing" and sorted(times) == ["cpu", "wall"] for row, times in found.values())
+    assert sizes == [
+        (1.0, [[0.1, 0.2], [0.1, 0.2]], [[0.3, -0.4], [0.0, 0.0]]),
+        (2.0, [[0.1, 0.2]], [[0.3, -0.4]]),
+    ]
+    of_a = ("equations of a", 1.0, 5, "library of a")
+    assert made == [of_a, ("equations of a", 2.0, 5, "library of a"), ("equations of odd", 1.0, 5, "library of odd")]
+    asked.rows()
+    assert len(made) == 4  # those of a are kept, the other one is tried again
+    for options in ({"verify": True}, {}, {"verify": False, "mesh": 1e-3}):
+        shard.options = options
+        assert asked.rows() == {}
+    shard.options, shard.jobs = {"verify": False}, [job(k, duration=3.0 + k) for k in range(batches.KEPT)]
+    assert len(asked.rows()) == len(batches._MOVERS) == batches.KEPT == 4
+    assert sorted(duration for _, duration, _ in batches._MOVERS) == [3.0, 4.0, 5.0, 6.0]
