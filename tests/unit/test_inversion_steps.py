@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -428,3 +429,37 @@ def test_rows_of_errors_are_lengths_and_angles() -> None:
         "largest_m": pytest.approx(9.0),
     }
     assert row[1] == {"method": "fjm", "status": "solved"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Timed:
+    """A solution with its times."""
+
+    method: str = "lq"
+    warnings: tuple[str, ...] = ("jerky",)
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_solution_has_the_times_of_all_steps_and_all_warnings(fails: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So has one that was found before the time was over; options without effect are named last."""
+    wall, cpu, told = iter((10.0, 13.5)), iter((2.0, 4.25)), []  # type: ignore[var-annotated]
+
+    def find(problem: Any, method: str, reached: BestSolution) -> Timed:
+        told.append((problem, method))
+        if fails:
+            raise KeyboardInterrupt
+        return Timed()
+
+    clocks = Made(perf_counter=lambda: next(wall), process_time=lambda: next(cpu))
+    monkeypatch.setattr(solve, "time", clocks)
+    monkeypatch.setattr(solve, "_problem", lambda model, *given: Made(model=model, limits="limits"))
+    monkeypatch.setattr(solve, "_find_solution", find)
+    monkeypatch.setattr(solve, "with_hold", lambda problem, solution, controller: solution)
+    monkeypatch.setattr(solve, "within_limits", lambda solution, limits, ignored: solution)
+    monkeypatch.setattr(solve, "without_effect", lambda method, preview, mesh: (f"{method}: {preview}, {mesh}",))
+    monkeypatch.setattr(BestSolution, "finish", lambda self, stage, time_limit: Timed("full", ()))
+    found = inspect.unwrap(solve.solve)("elbow", "line", mesh=0.01)
+    assert (found.wall_s, found.cpu_s) == (3.5, 2.25) and [method for _, method in told] == ["auto"]
+    assert found.warnings == (("full: None, 0.01",) if fails else ("jerky", "lq: None, 0.01"))

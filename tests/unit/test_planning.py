@@ -17,6 +17,7 @@ import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.status import Status
 from flexgen.numerics.evaluate import evaluate
+from flexgen.planning import problem as planning_problem
 from flexgen.planning import transcribe
 from flexgen.planning.result import _between
 from flexgen.planning.transcribe import Layout
@@ -85,9 +86,13 @@ def test_least_time_of_two_masses_is_the_closed_form():
     assert np.abs(found.trajectory["tau_m"]).max() <= 10.0 * (1 + 1e-7)
 
 
-def test_phases_find_the_switches_of_two_masses():
+def test_phases_find_the_switches_of_two_masses(monkeypatch):
     """Four phases of constant torque and free duration: no switch lies within an interval."""
+    wall, cpu = iter((5.0, 7.5)), iter((100.0, 101.25))
+    clocks = SimpleNamespace(perf_counter=lambda: next(wall), process_time=lambda: next(cpu))
+    monkeypatch.setattr(planning_problem, "time", clocks)
     found = bang_bang().solve()
+    assert (found.wall_s, found.cpu_s) == (2.5, 1.25)
     durations = np.array(found.details["durations_s"])
     assert found.status == Status.SOLVED
     assert durations.sum() == pytest.approx(TWO_MASS_TIME, abs=1e-6)  # the digits of the closed form
