@@ -95,7 +95,7 @@ def test_the_polynomial_of_a_path_goes_through_its_samples() -> None:
     assert_allclose(beyond, ends[0] + 1.5 * (ends[1] - ends[0]), atol=1e-8)  # a line stays one
 
 
-def test_a_path_that_is_no_polynomial_is_for_several_phases() -> None:
+def test_a_path_with_corners_is_for_several_phases() -> None:
     """One of several segments, and one with a corner."""
     equations = flexgen.derive("elbow")
     path = Path(equations, equations.model.moves[0])

@@ -562,7 +562,7 @@ def test_moves_of_a_model_are_computed_at_once_or_it_says_why_not(changes: dict[
 
 
 def test_a_grid_is_described_with_its_models_and_the_samples_of_its_moves(tmp_path: Path) -> None:
-    """A sweep goes on only where all of it is the same: a changed file of samples is another grid."""
+    """A sweep continues only where all of it is the same: a changed file of samples is another grid."""
     file = tmp_path / "path.csv"
     file.write_text("t s,x m\n0,0\n")
     move = Move("along", "sampled", (0.1, 0.2), 1.0, 5, file=str(file))

@@ -226,7 +226,7 @@ TIME, TORQUE = np.array([0.0, 0.5, 1.0]), np.array([[1.0], [2.0], [4.0]])
         ({"ports": {f"q{k}": [[1], "rad", ""] for k in range(1001)}}, {}, "given 1001 channels, expected at most 1000"),
     ],
 )
-def test_archives_that_are_no_trajectories_are_refused(tmp_path, head, arrays, text):
+def test_archives_without_a_trajectory_are_refused(tmp_path, head, arrays, text):
     path = tmp_path / "a.npz"
     parts = {"time": TIME, "tau_m": TORQUE, "head": np.array(json.dumps(HEAD | head))} | arrays
     np.savez(path, **{name: x for name, x in parts.items() if x is not None})
@@ -248,7 +248,7 @@ def header(text: str, version: int = 1, length: int | None = None) -> bytes:
     return b"\x93NUMPY" + bytes([version, 0]) + size.to_bytes(2 * version, "little") + text.encode("latin-1")
 
 
-NO_HEADERS = (
+INVALID = (
     ("{'descr': '<f8', 'fortran_order': False}", "without a header that can be read, expected one of numpy"),
     ("['descr', 'fortran_order', 'shape']", "without a header that can be read, expected one of numpy"),
     ("{'descr': ", "without a header that can be read, expected one of numpy"),
@@ -264,10 +264,10 @@ NO_HEADERS = (
 )
 
 
-def test_arrays_with_headers_that_are_none_are_refused(tmp_path):
+def test_arrays_with_invalid_headers_are_refused(tmp_path):
     """So are those with fewer numbers than the header states, and texts of characters that do not exist."""
     right = "{'descr': '<f8', 'fortran_order': False, 'shape': (2,)}"
-    rows = [(header(text), told) for text, told in NO_HEADERS]
+    rows = [(header(text), told) for text, told in INVALID]
     rows += [(header(right, version=3), "without a header that can be read")]
     rows += [(header(right) + bytes(15), "of shape (2,) and 15 bytes, expected 16 bytes")]
     beyond = header("{'descr': '<U1', 'fortran_order': False, 'shape': ()}") + b"\0\0\x11\0"
