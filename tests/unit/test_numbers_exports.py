@@ -16,6 +16,7 @@ import flexgen
 from flexgen.errors import ArgumentError, BuildError, ModelError
 from flexgen.exports import mujoco_checks
 from flexgen.exports.fmu import controller as block
+from flexgen.exports.plcopen import blocks as plc
 from flexgen.exports.ros2 import export as ros2
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.gains import PPI
@@ -107,8 +108,8 @@ def test_an_export_for_mujoco_says_which_friction_it_changes(tmp_path: Path) -> 
     left_out = f"all friction but viscous is left out: {differ}"
     stick = f"Coulomb friction is a constraint with stick: {differ}"
     for friction, notes in (
-        (None, {"exact": (), "viscous": (), "dry": ()}),
-        ({"viscous": 0.3}, {"viscous": (), "dry": ()}),
+        (None, {"exact": (), "viscous": ()}),
+        ({"viscous": 0.3}, {"dry": ()}),
         ({"viscous": 0.3, "coulomb": 2.0, "beta": 9.0}, {"viscous": (left_out,), "dry": (stick,)}),
     ):
         model = flexgen.read("elbow", overrides={key: friction} if friction else {})
@@ -243,3 +244,56 @@ def test_words_of_a_package_for_ros() -> None:
     assert len(files) == len(ros2._files("arm", True, ())) + 1 == len(ros2._files("arm", False, ())) + 8
     served = ros2._files("arm", True, ("position",))
     assert "position_window.hpp" in served and "cascade.hpp" not in served
+
+
+# --- PLCopen ----------------------------------------------------------------------------------------------------------
+def test_blocks_of_a_controller_have_the_sizes_of_the_robot() -> None:
+    """Two motors, four samples in an interval; the memory of the stream by the numbers in the header."""
+
+    def port(name: str, size: int, unit: str) -> dict[str, Any]:
+        return {"name": name, "shape": [size], "unit": unit, "doc": f"the {name}"}
+
+    dynamics = {
+        "name": "inverse_dynamics",
+        "summary": "torques of a motion",
+        "inputs": [port("q_a", 3, "rad"), port("v_a", 3, "rad/s")],
+        "outputs": [port("tau_a", 3, "N m")],
+    }
+    macro = (
+        "#define ARM_STREAM_SIZE(intervals, samples_per_interval) \\\n"
+        "    (INT64_C(100) + INT64_C(7) * (intervals) + INT64_C(3) * (samples_per_interval))"
+    )
+    library: Any = Made(
+        name="arm",
+        model=Made(name="arm"),
+        functions=[{"name": "gravity"}, dynamics],
+        sizes={"n_m": 2, "n_t": 12, "n_y": 6, "n_a": 3},
+        stream=Made(intervals=20, samples_per_interval=4, period=0.004),
+        header=f"/* sizes */\n{macro}\n",
+    )
+    first, stream = plc.blocks(library, True)
+    assert (first.name, first.doc, first.memory) == ("FB_arm_inverse_dynamics", "torques of a motion", ())
+    assert [(v.name, v.type, v.size, v.doc) for v in first.inputs] == [
+        ("q_a", "LREAL", 3, "[rad] the q_a"),
+        ("v_a", "LREAL", 3, "[rad/s] the v_a"),
+    ]
+    assert [v.name for v in first.outputs] == ["tau_a", "valid", "error", "status"]
+    sizes = {v.name: v.size for v in (*stream.inputs, *stream.outputs, *stream.memory)}
+    assert sizes == {
+        **{"enable": 0, "start_output": 12, "q_start": 3, "y": 12, "dy": 6, "ddy": 6},
+        **{"tau_m": 8, "q_m": 8, "v_m": 8, "valid": 0, "error": 0, "status": 0},
+        **{"memory": 100 + 7 * 20 + 3 * 4, "started": 0},
+    }
+    assert stream.name == "FB_arm_stream" and "a moving horizon of 20 intervals. Call it every 0.004 s" in stream.doc
+    assert [keyword for keyword, _ in first.sections] == [keyword for keyword, _ in stream.sections][:2]
+    text = plc.struct(first).splitlines()
+    assert text[0] == "typedef struct {" and text[-1] == "} fb_arm_inverse_dynamics;"
+    assert text[2].strip() == "double q_a[3];" and text[-2].strip().endswith(" status;")
+    assert len(plc.blocks(library, False)) == 1
+    library.stream = None
+    assert len(plc.blocks(library, False)) == 1
+    with pytest.raises(ArgumentError) as caught:
+        plc.blocks(library, True)
+    assert str(caught.value).startswith(
+        "model arm: given a home pose at which no stream can start (singular, or without"
+    )
