@@ -240,8 +240,12 @@ class Solver:
 
     def bind_arguments(self, where: ctypes.c_void_p) -> int:
         place = ctypes.cast(where, ctypes.POINTER(ctypes.c_void_p))
-        self.started.append([kind.from_buffer_copy(ctypes.string_at(place[k], ctypes.sizeof(kind)))  # by value
-                             for k, kind in enumerate(KINDS)])  # fmt: skip
+        self.started.append(
+            [
+                kind.from_buffer_copy(ctypes.string_at(place[k], ctypes.sizeof(kind)))  # by value
+                for k, kind in enumerate(KINDS)
+            ]
+        )
         return len(self.started)
 
     def run(self, call: ctypes.c_void_p, blocks: int, threads: int) -> None:
@@ -315,8 +319,9 @@ def test_many_problems_are_solved_by_one_kernel_with_their_own_numbers(gpu: Fake
     assert solver.grids == [(2, 32)] and asked == [104]  # 40 threads; an eighth of 64 more than 100 reals, at most
     shared, factors = [rows(card, x[0]) for x in (y, dy, ddy)], rows(card, [[1.0], [3.0]])
     stream = gpu.new_stream()
-    found = solve.on(stream)(*shared, q_start=rows(card, [[5.0], [6.0]]), parameters=factors, outputs=("tau_m", "q_a"),
-                             **common)  # fmt: skip
+    found = solve.on(stream)(
+        *shared, q_start=rows(card, [[5.0], [6.0]]), parameters=factors, outputs=("tau_m", "q_a"), **common
+    )
     expected = np.array([1.0, 3.0])[:, None, None] * (y + dy * ddy)[0] + np.array([5.0, 6.0])[:, None, None]
     assert_array_equal(found.tau_m.numpy()[:, 2:7], expected)
     assert_array_equal(found.q_a.numpy()[:, 2:7], np.tile(-y[0], (2, 1, 2)))
