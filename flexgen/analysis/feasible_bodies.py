@@ -13,13 +13,18 @@ import numpy as np
 from flexgen.model.elements import Body
 from flexgen.numerics.evaluate import evaluate
 
+LEAST_LENGTH, LEAST = 0.01, 1e-8  # of a body, over all bodies
+
 
 class Feasible:
-    """Bodies with a positive definite pseudo-inertia: logarithms of the diagonal of L, and its lower entries."""
+    """Bodies with a positive definite pseudo-inertia: logarithms of the diagonal of L, and its lower entries.
+
+    ``unit``: of the ten numbers in L, see `units`.
+    """
 
     _LOWER = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
 
-    def __init__(self, bodies: int) -> None:
+    def __init__(self, bodies: int, unit: np.ndarray | float = 1.0) -> None:
         x = ca.SX.sym("x", 10)
         L = ca.SX.zeros(4, 4)
         for k in range(4):
@@ -33,16 +38,16 @@ class Feasible:
             P[3, 3], P[0, 3], P[1, 3], P[2, 3], inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1],
             inertia[1, 2], inertia[0, 2],
         )  # fmt: skip
-        self.bodies = bodies
+        self.bodies, self._unit = bodies, np.broadcast_to(unit, 10)
         self._function = ca.Function("feasible", [x], [pi, ca.densify(ca.jacobian(pi, x))])
 
     def pi(self, x: np.ndarray) -> np.ndarray:
         """Numbers of the bodies (10 bodies,)."""
-        return evaluate(self._function, x.reshape(-1, 10))[0].ravel()
+        return (evaluate(self._function, x.reshape(-1, 10))[0] * self._unit).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Derivatives of `pi`, block diagonal."""
-        blocks = evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10)
+        blocks = evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10) * self._unit[:, None]
         out = np.zeros((10 * self.bodies, 10 * self.bodies))
         for k, block in enumerate(blocks):
             out[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
@@ -51,7 +56,7 @@ class Feasible:
     def x(self, pi: np.ndarray) -> np.ndarray:
         """Parameters of bodies; one that is not physically consistent is made a little larger first."""
         out = []
-        for row in pi.reshape(-1, 10):
+        for row in pi.reshape(-1, 10) / self._unit:
             P = pseudo_inertia(row)
             values, vectors = np.linalg.eigh(P)
             values = np.maximum(values, 1e-4 * max(values[-1], 1e-6))
@@ -88,9 +93,17 @@ def body_of(row: np.ndarray) -> Body:
     return Body(float(m), tuple(c.tolist()), tuple(map(tuple, I.tolist())))
 
 
+def units(pi: np.ndarray) -> np.ndarray:
+    """Mass, mass x length, mass x length^2 of all bodies together, of the ten numbers; ones where there is no mass."""
+    mass, square = pi[::10].sum(), pi.reshape(-1, 10)[:, 4:7].sum() / 2
+    length = np.sqrt(square / mass) if mass > 0 < square else 1.0
+    return np.asarray((mass or 1.0) * length ** np.repeat([0, 1, 2], [1, 3, 6]))
+
+
 def scales(pi: np.ndarray) -> np.ndarray:
     """Typical sizes of the ten numbers of each body: mass, mass x length, mass x length^2."""
-    rows = pi.reshape(-1, 10)
-    length = np.sqrt(np.maximum(rows[:, 4:7].sum(axis=1) / np.maximum(2 * rows[:, 0], 1e-9), 1e-4))
-    out = [rows[:, 0], *[rows[:, 0] * length] * 3, *[rows[:, 0] * length**2] * 6]
-    return np.maximum(np.stack(out, axis=1), 1e-6).ravel()
+    unit, rows = units(pi), pi.reshape(-1, 10)
+    mass, least = rows[:, 0], (LEAST_LENGTH * unit[1] / unit[0]) ** 2
+    length = np.sqrt(np.maximum(rows[:, 4:7].sum(axis=1) / np.where(mass > 0, 2 * mass, np.inf), least))
+    out = mass[:, None] * length[:, None] ** np.repeat([0, 1, 2], [1, 3, 6])
+    return np.asarray(np.maximum(out, LEAST * unit)).ravel()

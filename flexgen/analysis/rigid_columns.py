@@ -29,13 +29,13 @@ from flexgen.numerics.low_pass import LENGTH, LowPass, bandwidth
 from flexgen.numerics.polynomial_filter import WINDOW, smooth_forces
 from flexgen.numerics.residual_statistics import rms
 
-COULOMB_SPEED = 5e-4  # rad/s or m/s, arm side: width of the Coulomb step
-MOVING = 0.01  # rad/s or m/s: slower samples are not judged, friction at standstill is not determined
+COULOMB_SPEED = 5e-4  # of the largest speed: width of the Coulomb step
+MOVING = 0.01  # of the largest speed: slower samples are not judged, friction at standstill is not determined
 BAND = 5.0  # limit of the filter over the band of the motion
 SHORTEST = 4.0  # length of a record over that of the filter
 CORRELATED = 50  # samples of a whole record that share one error: the errors of a model are not white
 WIDEST = 2.0 / WINDOW  # limit of the filter times the step, from which on the polynomials are the filter
-BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
+BLOCK = 0.5  # periods of the band of the motion: blocks whose errors are taken as independent
 WIDER = 4.0  # limit of the torques that bend gears over that of the filter, which would count twice
 DEGREE = 5  # of the splines whose derivatives are taken: finite differences bend gears up to a percent too little
 RATE = 20.0  # samples that are kept before the filter, over its limit
@@ -59,7 +59,8 @@ class Columns:
 
     Of the bodies Y (n, n_m, 10 bodies), of the motors F (n, n_m, columns), of changes of the compliances and of the
     delay Z (n, n_m, n_g + 1); known rotors, held counterbalances, and measured torques (n, n_m). Only so many samples
-    are kept as have what is slower than ``limit`` [Hz].
+    are kept as have what is slower than ``limit`` [Hz]. ``speed`` (n_m,) [rad/s or m/s, of the joint]: the largest one
+    of the joints of this unit, in the motions of the fit; ``period`` [s]: of the band of the motion.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Columns:
         motions: Sequence[Motion],
         counterbalance: Mapping[str, int],
         limit: float = np.inf,
+        speed: np.ndarray | None = None,
     ) -> None:
         model, step = regressor.model, motions[0].step
         every = 1 if np.isinf(limit) else max(1, int(1 / (step * max(2 * WIDEST / step + limit, RATE * limit))))
@@ -84,16 +86,21 @@ class Columns:
         self._counterbalance = counterbalance
         self.fades = np.zeros(model.n_m)
         self._speeds = [motion.derivatives[1] @ model.eta.T / ratio for motion in motions]
+        kinds = np.array([model.coordinates[model.i_g[i]].unit for i in np.abs(model.eta).argmax(axis=1)])
+        top = self.largest_speeds()
+        self.speed = np.array([max(top[kinds == kind].max(), 1e-12) for kind in kinds]) if speed is None else speed
+        self.period = BAND / min(limit, WIDEST / step)
         self._every = every
         self.Y, self.F, self.Z, self.known, self.held = [], [], [], [], []
         self.measured = self.recorded
-        self.moving = [np.abs(v @ model.eta.T) > MOVING * ratio for _, v, _ in self.states]
+        self.moving = [np.abs(v @ model.eta.T) > MOVING * self.speed * ratio for _, v, _ in self.states]
         for motion, (q, v, a) in zip(motions, self.states, strict=True):
             self.Y.append(self.motor_side(regressor(q, v, a)))
             self.Z.append(np.zeros((len(q), model.n_m, model.n_g + 1)))
             speed = v @ model.eta.T
             rotor = a @ model.eta.T / ratio
-            sign = smooth_forces(np.tanh(motion.derivatives[1] @ model.eta.T / (COULOMB_SPEED * ratio)))[::every]
+            width = COULOMB_SPEED * self.speed * ratio
+            sign = smooth_forces(np.tanh(motion.derivatives[1] @ model.eta.T / width))[::every]
             columns = np.stack([speed / ratio, sign, np.ones_like(speed), rotor], axis=2)
             self.F.append(np.concatenate([columns, self._harmonics(q)], axis=2))
             self.known.append(inertia * (a @ model.eta.T))
@@ -154,7 +161,7 @@ class Columns:
         """Friction of size one that falls with speed, and its derivative by the fade, of each motion (2, n, n_m)."""
         out = []
         for v in self._speeds:
-            level = np.tanh(v / COULOMB_SPEED) / np.cosh(np.minimum(np.abs(fades * v), FADED))
+            level = np.tanh(v / (COULOMB_SPEED * self.speed)) / np.cosh(np.minimum(np.abs(fades * v), FADED))
             rows = level, -level * v * np.tanh(fades * v)
             out.append(np.stack([smooth_forces(x)[:: self._every] for x in rows]))
         return out

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexgen.analysis.rigid_columns import BLOCK_S, Columns
+from flexgen.analysis.rigid_columns import BLOCK, Columns
 from flexgen.analysis.rigid_regressor import Regressor
 from flexgen.numerics.low_pass import LowPass
 
@@ -92,7 +92,9 @@ def find_causes(
     """
     names, columns, step = _candidates(whole, limit, *numbers)
     fades, falling = _fade_columns(whole, limit)
-    scores = _scores(np.concatenate([columns, falling], axis=2), terms, error, weight, prior, round(BLOCK_S / step))
+    scores = _scores(
+        np.concatenate([columns, falling], axis=2), terms, error, weight, prior, round(BLOCK * whole.period / step)
+    )
     motors, found = len(weight), np.zeros(len(weight))
     scores.gain[len(names) :][scores.value[len(names) :] <= 0] = 0.0  # it falls
     best = int(np.argmax(scores.gain))

@@ -18,6 +18,7 @@ def rigid_model(
     counterbalance: Mapping[str, int],
     friction: np.ndarray,
     fades: np.ndarray,
+    speed: np.ndarray,
 ) -> RobotModel:
     """The model with what was found; the payload is in the last body.
 
@@ -27,7 +28,7 @@ def rigid_model(
     bodies : sequence of Body
     counterbalance : mapping
         Name of a joint -> number of harmonics that were fitted.
-    friction, fades : arrays (n_m, columns), (n_m,)
+    friction, fades, speed : arrays (n_m, columns), (n_m,), (n_m,)
         As in `flexgen.analysis.rigid_columns.Columns`.
     """
     balances = fitted_balances(robot, counterbalance, friction)
@@ -35,10 +36,10 @@ def rigid_model(
         replace(e, body=body, dofs=tuple(replace(dof, counterbalance=balances[dof.name]) for dof in e.dofs))
         for e, body in zip(robot.elements, bodies, strict=True)
     )
-    return replace(robot, elements=elements, payload=Body(), motors=_motors(robot, friction, fades))
+    return replace(robot, elements=elements, payload=Body(), motors=_motors(robot, friction, fades, speed))
 
 
-def _motors(model: RobotModel, friction: np.ndarray, fades: np.ndarray) -> tuple[Motor, ...]:
+def _motors(model: RobotModel, friction: np.ndarray, fades: np.ndarray, speed: np.ndarray) -> tuple[Motor, ...]:
     """The motors with the friction and the inertia that were found; a number below zero is not a valid result."""
     out = []
     for j, motor in enumerate(model.motors):
@@ -48,7 +49,7 @@ def _motors(model: RobotModel, friction: np.ndarray, fades: np.ndarray) -> tuple
         law = Friction(
             viscous=max(viscous / ratio, 0.0),
             coulomb=max(coulomb, 0.0),
-            beta=1.0 / (COULOMB_SPEED * ratio) if max(coulomb, falling) > 0 else 0.0,
+            beta=1.0 / (COULOMB_SPEED * float(speed[j]) * ratio) if max(coulomb, falling) > 0 else 0.0,
             stribeck=falling,
             alpha=float(fades[j]) / ratio if falling else 0.0,
             offset=offset,

@@ -64,7 +64,8 @@ def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
     assert found.step == pytest.approx(H) and found.F[0].shape == (600, 2, 8)
     F = found.F[1]
     assert_allclose(F[:, :, 0], v * np.sign(np.diag(model.eta)))
-    slope = smooth_forces(np.tanh(v * np.diag(model.eta) / (COULOMB_SPEED * ratio)))
+    top = np.abs(v).max()
+    slope = smooth_forces(np.tanh(v * np.diag(model.eta) / (COULOMB_SPEED * top * ratio)))
     assert_allclose(F[:, :, 1], slope)
     assert_allclose(F[:, :, 2], 1.0)
     assert_allclose(F[:, :, 3], a * np.sign(np.diag(model.eta)))
@@ -94,7 +95,7 @@ def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
     total = body @ inverse + found.held[0] + found.known[0] + np.einsum("njc,jc->nj", F, friction)
     assert_allclose(found.torques(pi, friction)[1], total, rtol=1e-9, atol=1e-9)
     del arm
-    moving = np.abs(v * ratio) > MOVING * ratio
+    moving = np.abs(v * ratio) > MOVING * top * ratio
     assert (found.moving[0] == moving).all()
     part = found.part([(1, slice(0, 50))])
     assert len(part.Y) == 1 and part.measured[0].shape == (50, 2)
@@ -124,9 +125,9 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(monkeypatch: py
         assert motor.friction.viscous == pytest.approx(viscous / abs(eta[j])) and motor.friction.offset == offset
         assert motor.friction.viscous == pytest.approx([0.02, 0.03][j], rel=0.05)
         assert motor.friction.coulomb == coulomb == pytest.approx([0.5, 0.8][j], rel=0.05)
-        assert motor.friction.beta == pytest.approx(1 / (COULOMB_SPEED * abs(eta[j])))
+        assert motor.friction.beta == pytest.approx(1 / (COULOMB_SPEED * found.speed[j] * abs(eta[j])))
         assert motor.inertia == pytest.approx(model.motors[j].inertia + rotor / abs(eta[j]))
-    negative = rigid_model._motors(model, np.array([[-1.0, -1.0, 0.5, -1e9]] * 2), np.zeros(2))
+    negative = rigid_model._motors(model, np.array([[-1.0, -1.0, 0.5, -1e9]] * 2), np.zeros(2), np.ones(2))
     for motor, old in zip(negative, model.motors, strict=True):
         assert motor.inertia == old.inertia
         assert vars(motor.friction) | {"offset": 0.0} == vars(type(motor.friction)()) | {"offset": 0.0}
@@ -154,6 +155,32 @@ def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(monkeypatch: py
     made = residual_statistics.covariance(terms, error, 1 / (sd * np.sqrt(columns.correlated)), weights, 125)
     size = np.sqrt(np.diag(expected))
     assert np.abs((made - expected) / np.outer(size, size)).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_a_tiny_quick_arm_has_the_numbers_of_the_large_one() -> None:
+    """Lengths, masses and times by powers of two: the torques are those of the large arm, scaled."""
+    large, length, mass, time = flexgen.read("elbow@rigid"), 2.0**-6, 2.0**-20, 2.0**-4
+    unit = mass * length**2
+
+    def small(body: Body) -> Body:
+        com, inertia = (np.multiply(x, size).tolist() for x, size in ((body.com, length), (body.inertia, unit)))
+        return Body(mass * body.mass, tuple(com), tuple(map(tuple, inertia)))
+
+    elements = [
+        replace(e, body=small(e.body), origin=replace(e.origin, position=tuple(length * x for x in e.origin.position)))
+        for e in large.elements
+    ]
+    gravity = tuple(x * length / time**2 for x in large.gravity)
+    motors = tuple(replace(m, inertia=unit * m.inertia) for m in large.motors)
+    tiny = replace(large, elements=tuple(elements), gravity=gravity, motors=motors)
+    motion = swung(large, 1500)
+    found = identify_rigid(large, [motion], parts=2)
+    scaled = identify_rigid(tiny, [Motion(time * motion.t, motion.q, motion.tau_m * (unit / time**2))], parts=2)
+    assert scaled.status == found.status == RigidStatus.FITTED
+    assert_allclose(scaled.friction[:, 1] * time**2 / unit, found.friction[:, 1], rtol=1e-5)
+    assert_allclose(scaled.numbers_sd[21] * time**2 / unit, found.numbers_sd[21], rtol=0.02)  # of it
+    assert_allclose(scaled.left_out, found.left_out, rtol=0.02)
 
 
 def dense_covariance(X: list[np.ndarray], error: np.ndarray, weight: np.ndarray, prior: np.ndarray, block: int) -> Any:
@@ -192,6 +219,7 @@ def test_deviations_of_numbers_of_the_file_follow_by_their_derivatives() -> None
         RigidStatus.FITTED,
         np.zeros(3),
         np.zeros(2),
+        np.ones(2),
         5.0,
     )
     assert_allclose(fit.lags_sd, np.sqrt(np.diag(covariance))[-3:])

@@ -22,9 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexgen.analysis.feasible_bodies import Feasible, scales
+from flexgen.analysis.feasible_bodies import Feasible, scales, units
 from flexgen.analysis.feasible_motors import is_possible
-from flexgen.analysis.rigid_columns import BLOCK_S, Columns, band_of
+from flexgen.analysis.rigid_columns import BLOCK, Columns, band_of
 from flexgen.analysis.rigid_mistakes import Mistake, find_causes
 from flexgen.analysis.rigid_model import rigid_model
 from flexgen.analysis.rigid_regressor import Motion, Regressor
@@ -38,11 +38,11 @@ from flexgen.numerics.residual_statistics import covariance, parts_of, rms
 from flexgen.numerics.trust_region import Sums, minimize
 
 PRIOR = 1.0  # relative deviation of the bodies of the model file
-LARGEST = 0.01  # rad or m: deviation of a deflection that the file does not have, under the torques of the motion
-LATE_S = 3e-3  # deviation of the delay of the torques, at least; a sample where that is more
+LARGEST = 0.01  # rad, or lengths of bodies: deviation of a deflection that the file does not have, under the torques
+LATE = 3e-3  # of the period of the band: deviation of the delay of the torques; a sample where that is more
 ROUNDS, MOST = 4, 25  # of fits with deviations from the residuals of the last one, at least and at most
 FADES_SETTLED = 1e-3  # relative change
-SETTLED_S, SETTLED_SD = 3e-6, 0.2  # change of the delay [s], and over its deviation: no more rounds are needed
+SETTLED, SETTLED_SD = 3e-6, 0.2  # change of the delay, in such periods, and over its deviation: it has settled
 PARTS, PARTS_MOST = 4, 100  # parts of each recording that are left out in turn
 
 
@@ -78,8 +78,8 @@ class RigidFit:
     ``lags``; ``left_out`` (n_m,): errors on parts of the recordings that were left out of the fit, as
     `relative_errors`; None: not computed; ``status``: from these; ``lags`` (n_g + 1,): compliances of the gears that
     the file does not have [rad/(N m) or m/N, arm side], and the delay of the torques [s]; ``fades`` (n_m,) [s/rad
-    or s/m, of the joint]: of friction that falls with speed as sigma / cosh(fade v), 0: none; ``limit_hz``: all torques
-    are compared below it; ``mistake``: what explains a large part of the errors.
+    or s/m, of the joint]: of friction that falls with speed as sigma / cosh(fade v), 0: none; ``speed`` (n_m,): see
+    `Columns`; ``limit_hz``: all torques are compared below it; ``mistake``: what explains a large part of the errors.
     """
 
     model: RobotModel
@@ -94,6 +94,7 @@ class RigidFit:
     status: RigidStatus
     lags: np.ndarray
     fades: np.ndarray
+    speed: np.ndarray
     limit_hz: float
     mistake: Mistake | None = None
 
@@ -122,7 +123,7 @@ class RigidFit:
 
     def _columns(self, motions: Sequence[Motion], limit: float = np.inf) -> Columns:
         """The terms along motions whose links bend under the torques of this fit, of all samples."""
-        columns = Columns(Regressor(self.file), motions, self.counterbalance, limit)
+        columns = Columns(Regressor(self.file), motions, self.counterbalance, limit, self.speed)
         columns = columns.with_fades(self.fades, self.friction[:, -2])
         return columns.bent(self.pi, self.friction, self.lags, self.limit_hz)
 
@@ -132,15 +133,13 @@ class RigidFit:
 
     def torques(self, motion: Motion) -> np.ndarray:
         """Torques of the motors along a motion (n, n_m) [N m], motor side."""
-        found: np.ndarray = self._columns([motion]).torques(self.pi, self.friction)[0]
-        return found
+        return np.asarray(self._columns([motion]).torques(self.pi, self.friction)[0])
 
     def gear_torques(self, motion: Motion) -> np.ndarray:
         """Torques through the gears (n, n_g), arm side: those of the motors less friction and rotors."""
         columns = self._columns([motion])
         friction = columns.of_motors(0, self.friction)  # a counterbalance is a load
-        out: np.ndarray = (columns.measured[0] - columns.known[0] - friction) @ self.file.eta
-        return out
+        return np.asarray((columns.measured[0] - columns.known[0] - friction) @ self.file.eta)
 
     def relative_errors(self, motion: Motion) -> np.ndarray:
         """Rms of the error over the standard deviation of the torque of each motor, of samples that move (n_m,).
@@ -188,7 +187,8 @@ def identify_rigid(
     limit, file = band_of(regressor, motions), regressor.of_model()
     flat = Columns(regressor, motions, extra, limit)
     load = np.sqrt(np.mean((np.vstack(flat.measured) @ robot.eta) ** 2, axis=0))
-    lags_sd = np.append(LARGEST / np.maximum(load, 1e-12), max(LATE_S, motions[0].step))
+    size = np.where([robot.coordinates[i].unit == "rad" for i in robot.i_g], 1.0, np.divide(*units(file)[1::-1]))
+    lags_sd = np.append(LARGEST * size / np.maximum(load, 1e-12), max(LATE * flat.period, motions[0].step))
     weak = _Prior(file, prior * scales(file), lags_sd)
     at = _Numbers(file, np.zeros((robot.n_m, flat.F[0].shape[2])), np.zeros(robot.n_g + 1))
     mistake, sd = None, np.maximum(np.std(np.vstack(flat.below(limit).measured), axis=0), 1e-12)
@@ -200,7 +200,7 @@ def identify_rigid(
         error_rms, scale = columns.errors(at.pi, at.friction)
         terms, information = columns.by_motor(), weak.information(at.friction.size)
         weight, n, m = 1.0 / (sd * np.sqrt(columns.correlated)), len(file), len(file) + at.friction.size
-        found = covariance(terms, error, weight, information, max(1, round(BLOCK_S / columns.step)))
+        found = covariance(terms, error, weight, information, max(1, round(BLOCK * flat.period / columns.step)))
         if not (error_rms > rigid_accuracy.NOTICED * scale).any():
             break
         mistake, more = find_causes(whole, limit, at[:2], terms, error, weight, information)
@@ -210,11 +210,11 @@ def identify_rigid(
     there = None if parts == 0 else _leave_out(columns, weak, at, sd, parts)
     status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
     possible = is_possible(robot, np.concatenate(columns.F), at.friction, found[n:m, n:m], scale, flat.fades)
-    settled = change < max(SETTLED_S, SETTLED_SD * np.sqrt(found[-1, -1]))
+    settled = change < max(SETTLED * flat.period, SETTLED_SD * np.sqrt(found[-1, -1]))
     if mistake is not None or not settled or not possible:
         status = RigidStatus.MODEL_ERROR
     return RigidFit(
-        model=rigid_model(robot, regressor.bodies(at.pi), extra, at.friction, flat.fades),
+        model=rigid_model(robot, regressor.bodies(at.pi), extra, at.friction, flat.fades, flat.speed),
         file=robot,
         pi=at.pi,
         friction=at.friction,
@@ -226,6 +226,7 @@ def identify_rigid(
         status=status,
         lags=at.lags,
         fades=flat.fades,
+        speed=flat.speed,
         limit_hz=limit,
         mistake=mistake,
     )
@@ -251,7 +252,7 @@ def _settle(
         error = np.vstack(columns.measured) - np.vstack(columns.torques(at.pi, at.friction))
         sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
         change = abs(at.lags[-1] - before.lags[-1])
-        if k + 1 >= ROUNDS and change < SETTLED_S and still:
+        if k + 1 >= ROUNDS and change < SETTLED * flat.period and still:
             break
     return flat, at, sd, change
 
@@ -330,7 +331,7 @@ def _fit_bodies(columns: Columns, prior: _Prior, start: _Numbers, sd: np.ndarray
     P = prior.lags_sd**-2.0
     lagged = np.linalg.solve(N[n:, n:] + np.diag(P), np.column_stack([N[n:, :n], b[n:] - P * start.lags]))
     N, b = N[:n, :n] - N[:n, n:] @ lagged[:, :n], b[:n] - N[:n, n:] @ lagged[:, n]
-    maps, square = Feasible(n // 10), sum(float(t @ t) for t in reduced_t)
+    maps, square = Feasible(n // 10, units(prior.pi)), sum(float(t @ t) for t in reduced_t)
 
     def cost(x: np.ndarray) -> float:
         pi = maps.pi(x)
