@@ -38,6 +38,7 @@ from flexgen.servo.servo import Servo, filter_reference, servo_of
 from flexgen.type_checks import checked_types
 
 STILL_S, STILL = 0.05, 1e-3  # the command rests for so long at the begin, up to this part of its range
+STILL_PERIODS = 12.5  # of a quicker interface, instead
 STEPS, CLOSE, WEIGHT = 40, 1e-5, 1e-4  # of Levenberg and Marquardt; the last one, relative; first weight
 LOWER = 1.5, 2.5  # factors of the gains where searches begin again
 SMALL = 1e-4  # of the lag: less is not seen as noise
@@ -48,7 +49,7 @@ MOVED = {"speed_feedforward": 1e-3, "reference_filter_s": 1e-5, "latency_s": 1e-
 LOG_MOVED = 1e-3
 LARGEST = {"speed_feedforward": 2.0, "reference_filter_s": 0.19, "latency_s": 0.2}  # least: zero
 FIRST_FILTER = 4  # sample times
-BLOCK_S = 0.25  # of a record, within which residuals depend on each other
+BLOCK, BLOCKS = 6.0, 20  # over the least position gain: residuals depend on each other within it; blocks at least
 POSES = 20  # of the record, where eigenvalues are computed
 
 
@@ -155,7 +156,8 @@ def _check_record(record: ServoRecord, robot: RobotModel) -> None:
         raise ArgumentError(
             f"{where}: given {record.command.shape[1]} joints, expected {robot.n_g} as of {robot.title}"
         )
-    size, count = np.ptp(record.command, axis=0), max(int(np.ceil(STILL_S / record.period)), 2)
+    rest = min(STILL_S, STILL_PERIODS * record.period)
+    size, count = np.ptp(record.command, axis=0), max(int(np.ceil(rest / record.period)), 2)
     if not (size > 0.0).all():
         names = [robot.coordinates[i].name for i, x in zip(robot.i_g, size, strict=True) if x == 0.0]
         raise ArgumentError(
@@ -177,8 +179,7 @@ def _check_record(record: ServoRecord, robot: RobotModel) -> None:
     moved = np.abs(record.command[:count] - record.command[0]).max(axis=0) / size
     if moved.max() > STILL:
         raise ArgumentError(
-            f"{where}: given a command that moves within the first {1e3 * STILL_S:.0f} ms, expected that it begins "
-            "at rest"
+            f"{where}: given a command that moves within the first {1e3 * rest:.3g} ms, expected that it begins at rest"
         )
 
 
@@ -263,7 +264,8 @@ class _Fit:
         h = self.servo.sample_time
         filtered = delay_of_filter(max(self.servo.reference_filter_s, FIRST_FILTER * h), h)
         common = [self.servo.speed_feedforward, filtered, h]
-        p = np.concatenate([np.log(np.maximum(self.first_gains.ravel() / lower, 1e-6)), common])
+        first = self.first_gains.ravel() / lower
+        p = np.concatenate([np.log(np.where(first > 0.0, first, 1.0)), common])
         for _ in range(6):
             found = self.run(self.within(p))
             if found is not None:
@@ -334,10 +336,11 @@ class _Fit:
         rest = self.servo.delay - int(self.servo.delay / h + 1e-9) * h
         return rest if rest > 1e-9 * h else 0.0
 
-    def _deviations(self, e: np.ndarray, J: np.ndarray) -> np.ndarray:
+    def _deviations(self, p: np.ndarray, e: np.ndarray, J: np.ndarray) -> np.ndarray:
         """Standard deviations of the parameters: what leaving out a block of the record changes (jackknife)."""
         n_m, n = self.robot.n_m, len(self.record.time)
-        blocks = np.arange(0, n, max(round(BLOCK_S / self.record.period), 1))
+        length = BLOCK / max(self.gains_of(p)[0].min(), 1e-9) / self.record.period
+        blocks = np.arange(0, n, max(round(min(length, n / BLOCKS)), 1))
         scale = np.sqrt((J**2).sum(axis=0)) + 1e-300
         Js = (J / scale).reshape(n, n_m, -1)
         own = np.add.reduceat(np.einsum("nmp,nmq->npq", Js, Js), blocks)
@@ -348,9 +351,9 @@ class _Fit:
         return np.asarray(np.where(J.any(axis=0), sd, 0.0))
 
     def result(self, p: np.ndarray, e: np.ndarray, J: np.ndarray, converged: bool) -> ServoFit:
-        """The servo with standard deviations, whose residuals may depend on each other within `BLOCK_S`."""
+        """The servo with standard deviations, whose residuals may depend on each other within a block."""
         n_m, n = self.robot.n_m, len(self.record.time)
-        sd = self._deviations(e, J)
+        sd = self._deviations(p, e, J)
         feedback = self._with_gains(self.gains_of(p))
         found = replace(self.servo_of(p), feedback=feedback)
         lag = (self.record.command - self.record.angle) @ self.robot.eta.T

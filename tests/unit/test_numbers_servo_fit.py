@@ -79,7 +79,7 @@ def test_a_search_begins_with_lower_gains_where_the_loop_is_unstable(monkeypatch
     monkeypatch.setattr(identify._Fit, "run", run)
     fit = made()
     p, _, _ = fit.start()
-    first = np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1e-6])
+    first = np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1.0])
     assert_allclose(p[:6], first)
     assert_allclose(p[6:], [0.5, identify.delay_of_filter(4e-3, H), H])  # a filter of four samples at least
     slow = made(servo=Servo(cascade(), reference_filter_s=9e-3, sample_time=H))
@@ -146,20 +146,24 @@ def test_a_search_begins_again_with_lower_gains_until_noise_is_left(monkeypatch:
         assert begun == (expected or [1.0, 1.5, 2.5])
 
 
-def test_deviations_are_those_of_leaving_out_blocks_of_a_quarter_of_a_second() -> None:
-    rng, n = np.random.default_rng(4), 300
+@pytest.mark.parametrize(("gain", "n", "block"), [(24.0, 1200, 50), (48.0, 1200, 25), (24.0, 300, 15), (0.0, 300, 15)])
+def test_deviations_are_those_of_leaving_out_blocks(gain: float, n: int, block: int) -> None:
+    """Six times as long as the slowest position loop remembers; twenty blocks at least."""
+    rng = np.random.default_rng(4)
+    feedback = Cascade(np.array([gain, 2 * gain]), np.ones(2), np.ones(2))
+    p = np.log([*np.maximum([gain, 2 * gain], 1.0), 1.0, 1.0, 1.0, 1.0])
     record = Made(period=5e-3, time=5e-3 * np.arange(n))
     J = rng.normal(size=(2 * n, 4)) * [1.0, 1e3, 1e-3, 0.0]
     e = rng.normal(size=2 * n)
     known = J[:, :3]
     e -= known @ np.linalg.lstsq(known, e, rcond=None)[0]  # at the minimum
     changes = []
-    for first in range(0, n, 50):
+    for first in range(0, n, block):
         kept = np.ones(2 * n, bool)
-        kept[2 * first : 2 * (first + 50)] = False
+        kept[2 * first : 2 * (first + block)] = False
         changes.append(np.linalg.lstsq(known[kept], -e[kept], rcond=None)[0])
-    expected = np.sqrt((np.array(changes) ** 2).sum(axis=0) * (1 - 1 / 6))
-    found = made(record=record)._deviations(e, J)
+    expected = np.sqrt((np.array(changes) ** 2).sum(axis=0) * (1 - block / n))
+    found = made(record=record, cascade=feedback)._deviations(p, e, J)
     assert_allclose(found[:3], expected, rtol=1e-6)
     assert found[3] == 0.0
 
@@ -172,7 +176,7 @@ def test_a_result_tells_what_is_explained_and_what_is_noise() -> None:
     record = ServoRecord(4e-3 * np.arange(n), command, angle)
     fit = made(record=record)
     sd = np.arange(1.0, 10.0) * 1e-3
-    object.__setattr__(fit, "_deviations", lambda e, J: sd.copy())
+    object.__setattr__(fit, "_deviations", lambda p, e, J: sd.copy())
     p = np.concatenate([np.log([20.0, 30.0, 5.0, 4.0, 2.0, 1.0]), [0.9, 6e-3, 8e-3]])
     slow = np.cos(np.arange(n) / 500)
     e = np.stack([1e-3 * rng.normal(size=n) + 5e-3 * slow, 0.0 * slow], axis=1)
