@@ -54,8 +54,8 @@ class Motion:
 
     @cached_property
     def step(self) -> float:
-        """Sample time [s]."""
-        return float(np.median(np.diff(self.t)))
+        """Sample time [s], of all: a clock in whole microseconds can change the median of the steps by a thousandth."""
+        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
     @cached_property
     def derivatives(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -31,7 +31,7 @@ WIDE = (1.2, 3.0)  # end of the band of the angles over that of the torques: wit
 ROUGH = 1e-3  # of the torques: white noise in them from which they are rough
 SPECTRUM_S, STEEP = 4.0, ("kaiser", 18.0)  # pieces of the record; their window, whose side lobes are below the noise
 PER_PERIOD = 5  # samples in the period of that end, at least
-EVEN = 1e-6  # largest difference of a step in time from the others, relative
+EVEN = 0.02  # of a step: largest difference of a time from that of equal steps, such as by the rounding of a clock
 QUIET = 0.35  # of the sample rate, above which all is noise
 
 
@@ -91,19 +91,21 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
     ArgumentError
         The record is of other motors, is not equidistant, or is too short; the band is wider than the sampling allows.
     """
-    q_m, tau_m, steps = record["q_m"], record["tau_m"], np.diff(record.time)
+    q_m, tau_m, n = record["q_m"], record["tau_m"], len(record.time)
+    span = float(record.time[-1] - record.time[0])
+    time = np.linspace(0.0, span, n)
     for name, x in (("q_m", q_m), ("tau_m", tau_m)):
         if x.shape[1] != motors:
             raise ArgumentError(f"record: given {x.shape[1]} columns of {name}, expected {motors}")
         if not np.isfinite(x).all():
             raise ArgumentError(f"record: given NaN or infinity in {name}, expected finite numbers")
-    if not len(steps) or np.abs(steps - steps.mean()).max() > EVEN * steps.mean():
+    if np.abs(record.time - record.time[0] - time).max() > EVEN * time[1]:
         raise ArgumentError("record: given unequal steps in time, expected the same step between all samples")
     still = [str(j + 1) for j in np.flatnonzero(np.ptp(q_m, axis=0) == 0.0)]
     if still:
         raise ArgumentError(f"record: given motor {', '.join(still)} at rest, expected that all motors move")
-    rate = 1.0 / float(steps.mean())
-    size = min(len(record.time), int(SPECTRUM_S * rate))
+    rate = (n - 1) / span
+    size = min(n, int(SPECTRUM_S * rate))
     f, power = welch(q_m, rate, STEEP, nperseg=size, axis=0, detrend="linear")
     floor = np.median(power[f > QUIET * rate], axis=0)
     _, torque_power = welch(tau_m, rate, STEEP, nperseg=size, axis=0, detrend="linear")
@@ -112,15 +114,15 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
     if band_hz is None:
         moves = (power > ABOVE_NOISE * floor).any(axis=1) & (f < QUIET * rate)
         first_quiet = f[np.argmin(moves[1:]) + 1] if not moves[1:].all() else f[-1]
-        shortest = TAPS * rate / wide / max(len(record.time) / LEAST - 3, 1.0)  # whose filter is not too long
+        shortest = TAPS * rate / wide / max(n / LEAST - 3, 1.0)  # whose filter is not too long
         band_hz = float(np.clip(WIDER * first_quiet, max(LEAST_HZ, shortest), MOST * rate))
     elif not is_number(band_hz) or not 0.0 < band_hz <= MOST * rate:
         raise ArgumentError(
             f"band_hz: given {show_value(band_hz)}, expected a number > 0, at most {MOST * rate:.4g} Hz"
         )
     count = _count(rate, wide * band_hz)
-    if len(record.time) < LEAST * count:
-        span, least = record.time[-1] - record.time[0], LEAST * count / rate
+    if n < LEAST * count:
+        least = LEAST * count / rate
         raise ArgumentError(
             f"record: given {span:.3g} s, expected at least {least:.3g} s to compare motions below {band_hz:.3g} Hz"
         )
@@ -128,7 +130,7 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
     every = max(1, int(rate / (PER_PERIOD * wide * band_hz)))
     half = count // 2
     return Signals(
-        time=record.time[half : len(record.time) - half : every],
+        time=time[half : n - half : every],
         q_m=_filter(q_m, taps, every),
         tau_m=_filter(tau_m, taps, every),
         band_hz=band_hz,

@@ -42,6 +42,7 @@ from flexgen.type_checks import checked_result, checked_types
 LOW_PASS_HZ, OF_LOWEST = 8.0, 1.5  # of the torques: at most; times the lowest natural frequency with motors at rest
 OF_MOTION, HIGHEST = 3.0, 0.4  # low pass of the motion: times that of the torques; at most, times the sample rate
 STEPS, CLOSE = 20, 1e-9
+EVEN = 0.02  # of a step: largest difference of a time from that of equal steps, such as by the rounding of a clock
 NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
 OF_DEVIATION = 0.1  # a last step that is smaller, over the deviations of the numbers, changes none that is known
 DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
@@ -154,9 +155,9 @@ class _Estimate:
     """Filtered torques and motion, and the residuals of a load."""
 
     def __init__(self, robot: RobotModel, record: Trajectory, low_pass_hz: float | None, rigid: bool) -> None:
-        time, step = record.time, np.diff(record.time)
-        h = float(step.mean())
-        if len(time) < FEWEST or np.abs(step - h).max() > 1e-6 * h:
+        time = record.time - record.time[0]
+        h = float(time[-1]) / (len(time) - 1)
+        if len(time) < FEWEST or np.abs(time - h * np.arange(len(time))).max() > EVEN * h:
             raise ArgumentError(f"record: given {len(time)} samples, expected at least {FEWEST}, equidistant")
         if h * len(time) < 2 * ENDS + LEAST:
             raise ArgumentError(

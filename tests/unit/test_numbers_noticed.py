@@ -24,7 +24,7 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.equations_text.equations": {"MAX_COORDINATES": 4},
         "flexgen.executors": {"IN_FLIGHT": 32},
         "flexgen.gears.identify": {"MOST": 64},
-        "flexgen.gears.signals": {"PER_PERIOD": 5, "EVEN": 1e-06, "LEAST_HZ": 5.0},
+        "flexgen.gears.signals": {"PER_PERIOD": 5, "EVEN": 0.02, "LEAST_HZ": 5.0},
         "flexgen.identification.experiments.excitation": {"MOST_SAMPLES": 10_000_000, "MOST_PERIODS": 100000},
         "flexgen.identification.experiments.experiment": {"LANES": 48},
         "flexgen.identification.motion_correction": {"MANY": 300_000, "MOST_NUMBERS": 30_000_000},

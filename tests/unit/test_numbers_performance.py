@@ -119,6 +119,8 @@ def test_records_that_do_not_determine_a_load_are_refused() -> None:
     ports, labels = given.ports, given.labels
     with pytest.raises(ArgumentError, match=r"record: given 199 samples, expected at least 200, equidistant"):
         identify_load("elbow", Trajectory(given.time[:199], short, ports, labels))
+    rounded = identify_load("elbow", replace(given, time=1.7e9 + given.time))  # seconds since 1970, in double precision
+    assert rounded.mass == pytest.approx(load.mass, rel=1e-4)
     with pytest.raises(
         ArgumentError, match=r"record: given 1 s, expected at least 1\.05 s: the low pass spoils 0\.5 s"
     ):

@@ -106,6 +106,12 @@ def test_columns_are_those_of_bodies_rotors_frictions_and_harmonics() -> None:
         assert scale[j] == pytest.approx(tau[at].std())
 
 
+def test_the_sample_time_of_a_rounded_clock_is_that_of_all_samples() -> None:
+    """At 2048 Hz the median of steps in whole microseconds is 0.06 % short, and frictions were four deviations off."""
+    t = 1.7e9 + np.round(1e6 * np.arange(600) / 2048) / 1e6
+    assert Motion(t, np.zeros((600, 2)), np.zeros((600, 2))).step == pytest.approx(1 / 2048, rel=3e-6)
+
+
 def test_a_fit_without_noise_returns_bodies_rotors_and_frictions(monkeypatch: pytest.MonkeyPatch) -> None:
     model = flexgen.read("elbow@rigid")
     motion = swung(model)

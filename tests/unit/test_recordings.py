@@ -10,6 +10,7 @@ from scipy.io import savemat
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.identification.recordings.description import read_description
 from flexgen.identification.recordings.experiment_file import read_experiment
 
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
@@ -92,6 +93,18 @@ def test_units_and_sides_are_converted(tmp_path):
     found = read_experiment(file)
     assert np.allclose(found.q_m[0, 0, 0, 0, 0, 0], 50 * 0.01, atol=1e-10)
     assert np.allclose(found.tau_m[0, 0, 0, 0, 0, 0], -0.5j / 50, atol=1e-12)
+
+
+def test_recordings_with_a_rounded_clock_have_one_sample_time(tmp_path):
+    """Whole microseconds at 1024 Hz, in files of different lengths; a clock that is 0.1 % slow is another one."""
+    t = np.round(1e6 * np.arange(1000) / 1024) / 1e6
+    file = written(tmp_path, TEXT + '\n[[recording]]\nfile = "other.npz"\npose_rad = [0.0]\n', t=t)
+    for rate in (1.0, 1.001):
+        np.savez(tmp_path / "other.npz", t=5.0 + rate * t[:900], current=TORQUE[:900], angle=ANGLE[:900])
+        if rate == 1.0:
+            assert len({one.sample_s for _, one in read_description(file).recordings}) == 2
+    with pytest.raises(ArgumentError, match=r"sample times .*, expected one"):
+        read_description(file)
 
 
 @pytest.mark.parametrize(

@@ -153,7 +153,7 @@ def other_gravity(model: RobotModel, motion: Motion) -> Motion:
 @pytest.mark.parametrize(
     "mistake, words, value",
     [
-        ("torque", "torques of m1 times", 1 / 1.2),  # only quotients of the two motors act
+        ("torque", "torques of m2 times", 1.2),
         pytest.param("ratio", "a ratio of the gear of q1 times", 1 / 0.9, marks=SLOW),
         pytest.param("gravity", "gravity along z of the base [m/s^2] more by", 2 * 9.81, marks=SLOW),
     ],
@@ -171,6 +171,8 @@ def test_one_mistake_in_the_recording_or_the_file_is_named(mistake: str, words: 
         motion = other_gravity(model, motion)
     found = identify_rigid(model, [motion], parts=0)
     assert found.status == RigidStatus.MODEL_ERROR and found.mistake is not None and found.numbers_sd is None
+    if found.mistake.what == "torques of m1 times":  # only quotients of the two motors act: as good, but for rounding
+        words, value = found.mistake.what, 1 / value
     near = 2.0 if mistake == "gravity" else 0.15  # to first order
     assert found.mistake.what == words and found.mistake.value == pytest.approx(value, rel=near)
     answer = RigidIdentification(found, {}, {}, "")

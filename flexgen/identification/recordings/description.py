@@ -79,7 +79,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180}
 TORQUE_UNITS = {"N m": 1.0, "A": 1.0}
 SIDES = ("motor", "arm")
-JITTER = 0.05  # of a sample time: larger differences are lost samples
+JITTER = 0.05  # of a sample time: larger differences are lost samples, smaller ones the rounding of a clock
 WRAP = 1.0  # rad: a larger step between two samples, and far larger than all others, is an encoder that wraps
 REPEATED = 0.005  # of the samples: jumps after repeated ones from which on a recording is refused; a real arm has 0.003
 CLIPPED = 3  # equal samples in a row at the largest torque
@@ -144,7 +144,7 @@ def read_description(path: str | Path) -> Description:
         shifted = _shift(table, channels)
         recordings.append((table, Recording(_beside(source, table), clock, shifted, model)))
     steps = [recording.sample_s for _, recording in recordings]
-    if max(steps) - min(steps) > 1e-9 * max(steps):
+    if (max(steps) / min(steps) - 1) * (min(len(one.t) for _, one in recordings) - 1) > 2 * JITTER:
         raise ArgumentError(f"{source}: given recordings with sample times {sorted(set(steps))} s, expected one")
     return Description(source, root, model, tuple(signal.of for signal in signals), tuple(recordings))
 

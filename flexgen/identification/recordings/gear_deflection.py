@@ -73,7 +73,7 @@ def gear_deflection(
         raise ArgumentError(f"deflection: given shapes {', '.join(str(x.shape) for x in arrays)}, expected four (n,)")
     if not all(np.isfinite(x).all() for x in arrays):
         raise ArgumentError("deflection: given numbers that are not finite, expected finite ones")
-    step = float(np.median(np.diff(arrays[0])))
+    step = float(arrays[0][-1] - arrays[0][0]) / max(len(t) - 1, 1)
     length = max(1, round(BLOCK_S / step))
     blocks = len(t) // length
     if blocks < 10:
