@@ -51,6 +51,7 @@ FORCE = 6  # entries of a force and a torque on the tool
 HELD_KEY = "held_s"  # of the meta data: how long the verification of a solution holds its last torque
 HELD_MAX, HELD_STEP = 60.0, 2e-3  # s: of a torque that is held after the end, and the step at which errors are taken
 RTOL = 1e-11  # a tenth of a nanometer over a meter of reach and a thousand steps
+FAR = 1e6  # of its span: a trajectory that begins later is one with a clock such as seconds since 1970
 FALLEN = 0.1  # rad, m: a robot falls where rounding errors grow to this size
 AUTO, NONE, PPI = "auto", "none", "ppi"
 FEEDBACKS = (AUTO, NONE, PPI)
@@ -173,28 +174,44 @@ def simulate(
     from flexgen.simulation import open_loop
 
     equations = model if isinstance(model, Equations) else derive(model)
-    _check_choices(trajectory, rtol, held, feedback)
-    data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
+    data = _check_choices(trajectory, rtol, held, feedback)
+    if abs(data.time[0]) > FAR * np.ptp(data.time):
+        options = {"rtol": rtol, "held": held, "feedback": feedback, "progress": progress, "wall": wall}
+        return _simulate_late(equations, data, command, options | {"start": start, "moving": moving})
     given, warnings = _read_channels(equations.model, data, moving)
     given |= {} if wall is None else _before_wall(wall, equations, given)
     task = _task(equations, data, given, start, moving, float(data.meta.get(HELD_KEY, 0.0)) if held is None else held)
-    task = replace(task, command=_command(equations.model, data, given["tau_m"], command), wall=wall)
+    task = _push(replace(task, command=_command(equations.model, data, given["tau_m"], command), wall=wall))
     tell = progress if callable(progress) else None
     growth, known = None, dict[str, Any]()
     if feedback == AUTO:
         growth, known = open_loop.analyze(equations, data, task.given, task.held, task.command is None)
     known = {"warnings": warnings} | (known if wall is None else {})
-    task = _push(task)
     if feedback == NONE or (feedback == AUTO and (growth is None or growth.whole <= open_loop.UNSTABLE)):
         return replace(
             open_loop.without_lost_errors(_simulate_once(task, open_loop.precise(rtol, growth), None, tell), growth),
             **known,
         )
     chosen = default_feedback(equations, given["q_a"][0], given["q_m"][0], given["tau_m"][0])
-    closed = _simulate_once(task, rtol, chosen, tell)
     if growth is not None:
         known["warnings"] = (*warnings, _growth_warning(growth, chosen))
+    closed = _simulate_once(task, rtol, chosen, tell)
     return replace(closed, open_loop=_simulate_open_loop(task, rtol, growth, tell), **known)
+
+
+def _simulate_late(
+    equations: Equations, data: Trajectory, command: TorqueCommand | None, options: dict[str, Any]
+) -> Simulation:
+    """The simulation from time zero on: steps of an integrator can be below the resolution of a time far from it."""
+    late = float(data.time[0])
+    sent = None if command is None else replace(command, time=command.time - late)
+    near = simulate(equations, replace(data, time=data.time - late), command=sent, **options)
+    alone = near.open_loop and _shift(near.open_loop, late)
+    return replace(_shift(near, late), open_loop=alone)
+
+
+def _shift(run: Simulation, late: float) -> Simulation:
+    return replace(run, trajectory=replace(run.trajectory, time=run.trajectory.time + late))
 
 
 def _simulate_open_loop(
@@ -314,8 +331,8 @@ def _later_errors(
     return later[0], later[1]
 
 
-def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: str) -> None:
-    """ArgumentError for an argument that is out of range."""
+def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: str) -> Trajectory:
+    """The trajectory; ArgumentError for an argument that is out of range."""
     if not isinstance(trajectory, Trajectory | str | FilePath):
         raise ArgumentError(
             f"trajectory: given {type(trajectory).__name__}, expected a Trajectory or the path of a file"
@@ -326,6 +343,7 @@ def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: s
         raise ArgumentError(f"held: given {held}, expected a time between 0 and {HELD_MAX:g} s")
     if feedback not in FEEDBACKS:
         raise ArgumentError(f"feedback: given {feedback!r}, expected one of {', '.join(FEEDBACKS)}")
+    return trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
 
 
 def _command(
