@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import eigvals
 
 from flexgen.analysis.second_order import motor_rows
 from flexgen.mechanics.equations import Equations
@@ -16,6 +17,8 @@ from flexgen.mechanics.linearization import check_inertia, second_order_matrices
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.numerics.evaluate import evaluate
+
+SPREAD = 1e7  # of the fastest pole over typical ones, from which on slow ones are computed by themselves
 
 
 @dataclass(frozen=True)
@@ -77,8 +80,26 @@ def poles(linear: LinearModel) -> np.ndarray:
     scaled = A.copy()
     scaled[:n, n:] *= rate
     scaled[n:, :n] /= rate
-    values = np.linalg.eigvals(scaled / rate) * rate
-    return sort_roots(values)
+    values = sort_roots(np.linalg.eigvals(scaled / rate) * rate)
+    typical = float(np.median(np.sqrt(np.abs(np.diag(linear.K)) / np.diag(linear.M))))
+    if not np.abs(values[-1]) > SPREAD * typical > 0.0:
+        return values
+    slow = _slow_poles(linear, typical)
+    count = int((np.abs(slow) < np.sqrt(SPREAD) * typical).sum())
+    return np.concatenate([slow[:count], values[count:]])
+
+
+def _slow_poles(linear: LinearModel, rate: float) -> np.ndarray:
+    """Eigenvalues [1/s], sorted, of which those up to ``rate`` are exact: of the matrices without the inverse of M.
+
+    In the state matrix the fast ones, of a light body on a stiff spring, leave rounding errors as large as the others.
+    """
+    size = np.sqrt(np.abs(np.diag(linear.K)) + np.diag(linear.M) * rate**2)
+    M, D, K = (x / np.outer(size, size) for x in (linear.M * rate**2, linear.D * rate, linear.K))
+    n = len(M)
+    left = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
+    right = np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), M]])
+    return sort_roots(rate * eigvals(left, right))
 
 
 def sort_roots(values: np.ndarray) -> np.ndarray:
@@ -91,6 +112,7 @@ def modes(values: np.ndarray) -> list[tuple[float, float]]:
 
     A double pole at the origin that rounding has split is not a mode.
     """
-    fastest = max((abs(z) for z in values), default=0.0)
-    pairs = [z for z in values if z.imag > 1e-6 * abs(z) and abs(z) > 1e-7 * fastest]
+    size = np.abs(values)
+    typical = min(size.max(initial=0.0), 1e3 * np.median(size)) if len(values) else 0.0
+    pairs = [z for z in values if z.imag > 1e-6 * abs(z) and abs(z) > 1e-7 * typical]
     return sorted((abs(z) / (2 * np.pi), -z.real / abs(z)) for z in pairs)

@@ -10,7 +10,7 @@ import pytest
 from planar_family import planar_arm
 
 import flexgen
-from flexgen.analysis.linear import LinearModel, linearize
+from flexgen.analysis.linear import LinearModel, linearize, modes, poles
 from flexgen.analysis.solvability import controllability, solvability, solvability_path
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
@@ -250,3 +250,23 @@ def test_the_analysis_contains_the_verdict_and_its_matrix() -> None:
     assert along["zeros_along_path"]["unstable"] == [1] * 5
     assert len(along["solvability_along_path"]["t"]) == 5
     json.dumps(along, allow_nan=False)
+
+
+@pytest.mark.parametrize("light", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_slow_poles_are_those_without_a_light_mass_on_a_stiff_spring(light: float) -> None:
+    """Two masses on a spring and a stiffer one in series; its pole is up to 5e16 1/s, theirs are 0.5 and 146 1/s."""
+    k, d, stiff = 4e4, 5.0, 1e4
+
+    def chain(spring: np.ndarray, masses: list[float]) -> LinearModel:
+        n = len(masses)
+        ground = np.zeros((n, n))
+        ground[-1, -1] = 2.0
+        return LinearModel(np.diag(masses), d * spring, k * spring + ground, *[np.eye(n)[:, :1]] * 2, np.eye(n)[:1])
+
+    three = np.array([[stiff, -stiff, 0.0], [-stiff, stiff + 1.0, -1.0], [0.0, -1.0, 1.0]])
+    two = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (1.0 + 1.0 / stiff)
+    found, expected = (poles(chain(*x)) for x in ((three, [3.0, light, 5.0]), (two, [3.0, 5.0])))
+    assert np.abs(np.abs(found[:4]) / np.abs(expected) - 1.0).max() < 1e-6 + light
+    assert np.abs(found[:4].real / expected.real - 1.0)[2:].max() < 1e-6 + light
+    assert found[4:].real == pytest.approx([-k / d, -d * stiff / light], rel=0.01)
+    assert np.allclose(modes(found), modes(expected), rtol=1e-6 + light, atol=1e-8)
