@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 
 import numpy as np
+from scipy.ndimage import correlate1d
 from scipy.signal import butter, filtfilt
 
 from flexgen.display import short_repr
@@ -50,6 +51,7 @@ ENDS, LEAST = 0.5, 0.05  # s at both ends of a record that the low pass spoils, 
 NOISE_BAND = 3 * np.pi / 4 / np.sqrt(2)  # of white noise through the low pass, both sides, over its frequency
 FEWEST = 200  # samples
 FARTHEST = 3.0  # m, center of mass of the whole payload; the reach of a robot with a longer one
+RATES, SIDE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60, 3  # of central differences
 AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 FRICTION_SD = 0.3  # relative, of each motor
@@ -176,8 +178,8 @@ class _Estimate:
         self._of_motion = butter(2, 2 * min(OF_MOTION * low_pass_hz * h, HIGHEST))
         self.kept = slice(round(ENDS / h), -round(ENDS / h))
         q_m = record["q_m"]
-        v_m = np.gradient(self._smooth(q_m), h, axis=0)
-        a_m = np.gradient(v_m, h, axis=0)
+        v_m = self._rate(self._smooth(q_m))
+        a_m = self._rate(v_m)
         carrier = next(element for element in robot.elements if element.name == robot.tip)
         turned = [f"{robot.tip}.inertia_{axes}" for axes in AXES if carrier.beam is None]  # else its axes are others
         self.names = (*turned, "payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
@@ -192,7 +194,7 @@ class _Estimate:
         self.tau_g = self._low_pass(tau_g)
         largest = np.abs(self.tau_g[self.kept]).max(axis=0)
         self.scale = np.maximum(largest, 1e-3 * largest.max())
-        self.late = self._low_pass(np.gradient(self._smooth(record["tau_m"]), h, axis=0) @ robot.eta)
+        self.late = self._low_pass(self._rate(self._smooth(record["tau_m"])) @ robot.eta)
         parts = np.hstack([friction, (faster - friction) / 0.01])  # the second has viscous friction alone
         self.friction = self._low_pass(self._smooth(parts)[:, :, None] * np.vstack([robot.eta, robot.eta]))
         self.to_arm = np.linalg.inv(robot.eta).T
@@ -224,7 +226,9 @@ class _Estimate:
         return q, v, self._rate(v)
 
     def _rate(self, x: np.ndarray) -> np.ndarray:
-        return np.asarray(np.gradient(x, self.h, axis=0))
+        """Central differences of sixth order: those of second order are 1e-4 off at 1 Hz and 4 ms, which is seen."""
+        padded = np.pad(x, ((SIDE, SIDE), (0, 0)), mode="reflect", reflect_type="odd")
+        return np.asarray(correlate1d(padded, RATES, axis=0)[SIDE:-SIDE] / self.h)
 
     def _stiffness(self) -> np.ndarray:
         """Stiffness of the springs without motor at rest (n_e,)."""
