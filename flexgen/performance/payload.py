@@ -11,8 +11,8 @@ links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor res
 the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, m c, d, s); a load is within
 `CENTER_SD` of the center of mass in the file, for what the motion does not show, such as the height in the tool of a
 palletizer. Standard deviations are the larger ones of two: of residuals whose correlation in time is that of the low
-pass, at least `LEAST_ERROR` of the torques, and of what leaving out half a second of the record changes, since errors
-of the model last longer.
+pass, at least `LEAST_ERROR` of the torques, and of what leaving out four periods of the low pass changes, half a second
+at most, since errors of the model last longer.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
@@ -35,12 +35,14 @@ from flexgen.memory.hysteresis import without_hysteresis
 from flexgen.model.elements import RobotModel
 from flexgen.model.friction import refuse_harmonics
 from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.low_pass import bandwidth
 from flexgen.results import Result
 from flexgen.spec.arguments import is_number
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
 
-LOW_PASS_HZ, OF_LOWEST = 8.0, 1.5  # of the torques: at most; times the lowest natural frequency with motors at rest
+LOW_PASS_HZ, OF_LOWEST = 8.0, 1.5  # of the torques; at most, times the lowest natural frequency with motors at rest
+OF_BAND, HALF = 5.0, 0.1  # the same of quick motions, times their band; at most, of the sample rate
 OF_MOTION, HIGHEST = 3.0, 0.4  # low pass of the motion: times that of the torques; at most, times the sample rate
 STEPS, CLOSE = 20, 1e-9
 EVEN = 0.02  # of a step: largest difference of a time from that of equal steps, such as by the rounding of a clock
@@ -55,7 +57,8 @@ RATES, SIDE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60, 3  # of c
 AXES = ("xx", "yy", "zz", "xy", "yz", "xz")  # of an inertia, in the order of the parameters
 UNEXPLAINED = 0.5  # of the torques, root mean square, at most
 FRICTION_SD = 0.3  # relative, of each motor
-CENTER_SD = 1.0  # m: of the center of mass of a load about that of the model file, for directions that no motion shows
+UNIT = 0.01  # of the mass of the robot, 1 kg at most: where the search begins, and what it takes for exact
+CENTER_SD = 1.0  # m, or the reach: of the center of mass about that of the file, for directions that no motion shows
 LEAST_LOAD = 1e-3  # of the whole payload, for that deviation
 UNKNOWN_M = 0.3  # m: a center of mass with a larger deviation is not known
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
@@ -124,8 +127,8 @@ def identify_load(
     record : Trajectory, or the name of its file
         Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, on an equidistant grid, as of `ControlRun.trajectory`.
     low_pass_hz : float, optional [Hz]
-        Of the torques; that of the motion is three times as high. Default: 8, or less: at most 1.5 times the lowest
-        natural frequency with the motors at rest.
+        Of the torques; that of the motion is three times as high. Default: 8, or five times the band of a quick motion,
+        but at most 1.5 times the lowest natural frequency with the motors at rest.
     rigid : bool
         Without deflections, for comparison.
 
@@ -161,22 +164,24 @@ class _Estimate:
         h = float(time[-1]) / (len(time) - 1)
         if len(time) < FEWEST or np.abs(time - h * np.arange(len(time))).max() > EVEN * h:
             raise ArgumentError(f"record: given {len(time)} samples, expected at least {FEWEST}, equidistant")
-        if h * len(time) < 2 * ENDS + LEAST:
-            raise ArgumentError(
-                f"record: given {h * len(time):.3g} s, expected at least {2 * ENDS + LEAST:g} s: the low pass spoils "
-                f"{ENDS:g} s at both ends; begin before the motion and end after it"
-            )
         for name in ("q_m", "tau_m"):
             if record[name].shape[1] != robot.n_m:
                 raise ArgumentError(f"record: given {record[name].shape[1]} columns of {name}, expected {robot.n_m}")
         if low_pass_hz is None:
-            low_pass_hz = _default_low_pass(robot, record["q_m"][:1], rigid)
+            low_pass_hz = _default_low_pass(robot, record["q_m"], h, rigid)
         if not (is_number(low_pass_hz) and 0 < low_pass_hz < 0.2 / h):
             raise ArgumentError(f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz")
+        quick = max(1.0, low_pass_hz / LOW_PASS_HZ)
+        ends, self.block = ENDS / quick, BLOCK_S / quick
+        if h * len(time) < 2 * ends + LEAST / quick:
+            raise ArgumentError(
+                f"record: given {h * len(time):.3g} s, expected at least {2 * ends + LEAST / quick:.3g} s: the low "
+                f"pass spoils {ends:.3g} s at both ends; begin before the motion and end after it"
+            )
         self.robot, self.h, self.rigid = robot, h, rigid
         self._filter = butter(2, 2 * low_pass_hz * h)
         self._of_motion = butter(2, 2 * min(OF_MOTION * low_pass_hz * h, HIGHEST))
-        self.kept = slice(round(ENDS / h), -round(ENDS / h))
+        self.kept = slice(round(ends / h), -round(ends / h))
         q_m = record["q_m"]
         v_m = self._rate(self._smooth(q_m))
         a_m = self._rate(v_m)
@@ -200,7 +205,9 @@ class _Estimate:
         self.to_arm = np.linalg.inv(robot.eta).T
         self.q_m = self._smooth(q_m)
         self.nominal = derive(robot)
-        self.farthest = max(FARTHEST, reach(self.nominal))
+        self.length = reach(self.nominal)
+        self.farthest = max(FARTHEST, self.length)
+        self.unit = min(1.0, UNIT * sum(element.body.mass for element in robot.elements)) or 1.0
         self.q_geared = np.zeros((len(q_m), robot.n_a))  # arm angles behind the gears; they do not depend on the load
         self.q_geared[:, list(robot.i_g)] = self.q_m @ self.to_arm
         if not rigid:
@@ -259,8 +266,9 @@ class _Estimate:
     def solve(self) -> Load:
         """Gauss-Newton in mass and first moments of the whole payload, the delay of the torques, and the frictions."""
         own, center = self.of_file[-4], self.of_file[-3:]
-        count, scale = LOAD + self.friction.shape[1], self.scale
-        x = np.concatenate([[own + 1.0], (own + 1.0) * center, np.zeros(count - 4)])
+        count, scale, unit = LOAD + self.friction.shape[1], self.scale, self.unit
+        length = min(1.0, self.length) or 1.0
+        x = np.concatenate([[own + unit], (own + unit) * center, np.zeros(count - 4)])
         about = np.column_stack([-center, np.eye(3)])  # first moments about the center of mass of the file
         start = values_of(x, self.farthest)
         friction = evaluate(self.nominal.function("arm_forces"), *self.motion(start)[:2])[0].reshape(-1, self.robot.n_a)
@@ -274,13 +282,13 @@ class _Estimate:
         prior, last, part = np.zeros((count, count)), np.zeros(count), 1.0
         prior[LOAD:, LOAD:] = np.eye(count - LOAD) / FRICTION_SD**2
         for _ in range(STEPS):
-            r, arm = residual(x), 1e-4 * max(x[0], 1.0)
+            r, arm = residual(x), 1e-4 * length * max(x[0], unit)
             columns = []
-            for k, size in enumerate((1e-3, arm, arm, arm)):
+            for k, size in enumerate((1e-3 * unit, arm, arm, arm)):
                 columns.append((residual(x + size * (np.arange(count) == k)) - r).ravel() / size)
             columns.append((-self.late[self.kept] / scale).ravel())
             columns += [(f[self.kept] / scale).ravel() for f in self.friction.transpose(1, 0, 2)]
-            J, hidden = np.stack(columns, axis=1), CENTER_SD * max(abs(x[0] - own), LEAST_LOAD * x[0])
+            J, hidden = np.stack(columns, axis=1), CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
             prior[:4, :4] = about.T @ about / hidden**2
             weight = prior * self._variance(r)
             if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
@@ -289,8 +297,8 @@ class _Estimate:
             step = np.linalg.solve(A, -J.T @ r.ravel() - weight @ x)
             part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)  # steps that turn back are too long
             before, x = x, x + part * step
-            x[0], last = max(x[0], 1e-6), part * step
-            change = np.abs((x - before)[:4]).max() / (1 + np.abs(x[0]))
+            x[0], last = max(x[0], 1e-6 * unit), part * step
+            change = np.abs((x - before)[:4] / [1.0, length, length, length]).max() / (unit + np.abs(x[0]))
             if change < CLOSE:
                 break
         r = residual(x)
@@ -311,7 +319,7 @@ class _Estimate:
                 f"to the model {self.robot.name}, in rad and N m of the motors?"
             )
         mass = x[0] - own
-        com = (x[1:4] - own * center) / mass if abs(mass) > 1e-9 else np.full(3, np.nan)
+        com = (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * unit else np.full(3, np.nan)
         slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)  # of com in x
         com_sd = np.sqrt(np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0))
         left = np.sqrt((r**2).mean(axis=0)) * scale
@@ -328,7 +336,7 @@ class _Estimate:
     def _left_out(self, r: np.ndarray, J: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Covariance of what leaving out a block of the record changes (jackknife); zero for few blocks."""
         n, m = r.shape
-        blocks = np.arange(0, n, max(round(BLOCK_S / self.h), 1))
+        blocks = np.arange(0, n, max(round(self.block / self.h), 1))
         if len(blocks) < FEWEST_BLOCKS:
             return np.zeros((J.shape[1], J.shape[1]))
         Js = J.reshape(n, m, -1)
@@ -351,9 +359,11 @@ def _is_determined(J: np.ndarray, prior: np.ndarray) -> bool:
     return bool(np.linalg.norm(left) > 1e-6 * np.linalg.norm(own))
 
 
-def _default_low_pass(robot: RobotModel, q_m: np.ndarray, rigid: bool) -> float:
-    """Low pass of the torques [Hz] for motor angles (1, n_m)."""
+def _default_low_pass(robot: RobotModel, q_m: np.ndarray, h: float, rigid: bool) -> float:
+    """Low pass of the torques [Hz] for motor angles (n, n_m) every h [s]."""
+    most = min(max(LOW_PASS_HZ, OF_BAND * bandwidth([np.diff(q_m, axis=0)], h)), HALF / h)
+    q_m = q_m[:1]
     q_a, still, quiet = (np.zeros((1, n)) for n in (robot.n_a, robot.n_a, robot.n_m))
     q_a[:, list(robot.i_g)] = q_m @ np.linalg.inv(robot.eta).T
     lowest = 0.0 if rigid else lowest_locked_hz(robot, (q_a, still, still, q_m, quiet, quiet, quiet))
-    return min(LOW_PASS_HZ, OF_LOWEST * lowest) if lowest else LOW_PASS_HZ
+    return min(most, OF_LOWEST * lowest) if lowest else most

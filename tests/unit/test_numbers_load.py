@@ -24,6 +24,7 @@ def estimate(
     made.robot = Made(n_a=3, i_g=(0, 2), name="arm")
     made.of_file = np.array([7.0, own, 0.1, -0.05, 0.2])
     made.kept, made.h, made.effective, made.farthest = KEPT, 0.01, 30.0, 3.0
+    made.length, made.unit, made.block = 1.0, 1.0, 0.5
     made.slopes = rng.normal(size=(SAMPLES, 3, 4)) * [1, 2, 3, 4]
     made.slopes[:, :, shown:] = 0.0
     made.in_arm, made.late = rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 2))

@@ -18,7 +18,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.statics import gear_deflection
-from flexgen.model.elements import Friction, RobotModel
+from flexgen.model.elements import Body, Friction, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw
 from flexgen.performance import commanded, learn, payload, residual_vibration, time_search
@@ -76,6 +76,32 @@ def test_a_known_load_is_identified() -> None:
     assert_allclose(numbers, measured, rtol=1e-4)  # no other route: as measured when this test was written
 
 
+def test_the_load_of_a_tiny_quick_arm_is_that_of_the_large_one() -> None:
+    """Lengths, masses and times by powers of two; its motion is 16 times as quick, as the low pass is."""
+    given, length, mass, time = record("elbow", np.array([2.0, 0.0, 0.0, 0.0])), 2.0**-6, 2.0**-20, 2.0**-4
+    large = flexgen.read("elbow@rigid")
+    unit = mass * length**2
+
+    def small(body: Body) -> Body:
+        com, inertia = (np.multiply(x, size).tolist() for x, size in ((body.com, length), (body.inertia, unit)))
+        return Body(mass * body.mass, tuple(com), tuple(map(tuple, inertia)))
+
+    elements = [
+        replace(e, body=small(e.body), origin=replace(e.origin, position=tuple(length * x for x in e.origin.position)))
+        for e in large.elements
+    ]
+    motors = tuple(replace(m, inertia=unit * m.inertia) for m in large.motors)
+    gravity = tuple(x * length / time**2 for x in large.gravity)
+    tiny = replace(large, elements=tuple(elements), motors=motors, gravity=gravity, payload=small(large.payload))
+    channels = {"q_m": given["q_m"], "tau_m": given["tau_m"] * unit / time**2}
+    found = [
+        identify_load(*x) for x in ((large, given), (tiny, replace(given, time=time * given.time, channels=channels)))
+    ]
+    assert found[1].mass / mass == pytest.approx(found[0].mass, rel=0.02)
+    assert found[1].mass_sd / mass < 2 * found[0].mass_sd
+    assert found[1].delay_s / time == pytest.approx(found[0].delay_s, abs=1e-4)
+
+
 @pytest.mark.slow  # the quick one is a linear fit, see test_numbers_load
 def test_the_mass_of_a_load_is_part_of_the_deviation_of_its_place() -> None:
     """1 kg far from the 15 kg of the file: the place follows from the total one by the mass, known to a tenth."""
@@ -125,7 +151,7 @@ def test_records_that_do_not_determine_a_load_are_refused() -> None:
     with pytest.raises(
         ArgumentError, match=r"record: given 1 s, expected at least 1\.05 s: the low pass spoils 0\.5 s"
     ):
-        identify_load("elbow", replace(given, time=2.5e-3 * np.arange(400)))
+        identify_load("elbow", replace(given, time=2.5e-3 * np.arange(400)), low_pass_hz=8.0)
     uneven = given.time + 1e-3 * (np.arange(400) > 100)
     with pytest.raises(ArgumentError, match=r"record: given 400 samples"):
         identify_load("elbow", Trajectory(uneven, dict(given.channels), ports, labels))
@@ -639,7 +665,7 @@ def test_deviations_of_a_load_are_those_of_leaving_out_half_a_second() -> None:
     """Fewer than six blocks tell nothing."""
     rng = np.random.default_rng(0)
     estimate = object.__new__(payload._Estimate)
-    estimate.h = 0.01
+    estimate.h, estimate.block = 0.01, 0.5
     r, J = rng.standard_normal((400, 2)), rng.standard_normal((800, 5))
     best = np.linalg.lstsq(J, r.ravel(), rcond=None)[0]
     r -= (J @ best).reshape(r.shape)  # at the minimum
@@ -678,5 +704,8 @@ def test_the_low_pass_of_a_load_is_near_the_lowest_natural_frequency_at_most() -
         (flexgen.read("elbow@rigid"), False, 8.0),
         (flexgen.read("elbow", overrides=springs), False, 1.5 * 1.742),
     ):
-        home = np.atleast_2d(robot.eta @ np.asarray(robot.home))
-        assert payload._default_low_pass(robot, home, rigid) == pytest.approx(expected, rel=0.05)
+        home = np.tile(robot.eta @ np.asarray(robot.home), (1000, 1))
+        assert payload._default_low_pass(robot, home, 2e-3, rigid) == pytest.approx(expected, rel=0.05)
+    quick = np.sin(2 * np.pi * 4.0 * 2e-3 * np.arange(1000))[:, None] * np.ones(2)
+    assert payload._default_low_pass(flexgen.read("elbow@rigid"), quick, 2e-3, False) == pytest.approx(5 * 4.0, rel=0.2)
+    assert payload._default_low_pass(flexgen.read("elbow@rigid"), quick, 6e-2, False) == pytest.approx(0.1 / 6e-2)
