@@ -39,7 +39,7 @@ from flexgen.numerics.trust_region import Sums, minimize
 
 PRIOR = 1.0  # relative deviation of the bodies of the model file
 LARGEST = 0.01  # rad, or lengths of bodies: deviation of a deflection that the file does not have, under the torques
-LATE = 3e-3  # of the period of the band: deviation of the delay of the torques; a sample where that is more
+LATE = 1.5e-3  # of the period of the band: deviation of the delay of the torques; a sample where that is more
 ROUNDS, MOST = 4, 25  # of fits with deviations from the residuals of the last one, at least and at most
 FADES_SETTLED = 1e-3  # relative change
 SETTLED, SETTLED_SD = 3e-6, 0.2  # change of the delay, in such periods, and over its deviation: it has settled
