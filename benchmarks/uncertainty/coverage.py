@@ -23,7 +23,7 @@ import flexgen
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import select
 
-ROBOTS, SEED, SAMPLE_S, REPEATS = 200, 4711, 2.5e-4, 3
+ROBOTS, SEED, SAMPLE_S, REPEATS = 600, 4711, 2.5e-4, 3
 TOLERANCES = {"stiffness": 0.1, "damping": 0.3, "friction": 0.2, "masses": 0.03, "motor_inertia": 0.05}
 CASES = {"planar5_nmp": 0.2, "manutec_r3_18": 1.0, "manutec_r3_24": 1.0}  # payload [kg]
 INERTIA = [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "yz", "xz")]
