@@ -88,7 +88,7 @@ def test_a_mistake_that_explains_the_errors_is_named(monkeypatch: pytest.MonkeyP
     fades = np.array([1.0, 1.0, 5.0, 5.0])
     monkeypatch.setattr(rigid_mistakes, "_candidates", lambda *given: (names, columns, 0.02))
     monkeypatch.setattr(rigid_mistakes, "_fade_columns", lambda *given: (fades, falling))
-    noise, whole = 0.05 * rng.normal(size=(n, 2)), Made(fades=np.zeros(2), period=1.0)
+    noise, whole = 0.05 * rng.normal(size=(n, 2)), Made(fades=np.zeros(2), period=2 / 3)
 
     def causes(error: np.ndarray) -> Any:
         search: Any = rigid_mistakes.find_causes
