@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from enlarged import rescaled
 from measured_numbers import check_numbers
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import linprog
@@ -18,7 +19,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.limits import Limits
 from flexgen.mechanics.statics import gear_deflection
-from flexgen.model.elements import Body, Friction, RobotModel
+from flexgen.model.elements import Friction, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw
 from flexgen.performance import commanded, learn, payload, residual_vibration, time_search
@@ -81,18 +82,7 @@ def test_the_load_of_a_tiny_quick_arm_is_that_of_the_large_one() -> None:
     given, length, mass, time = record("elbow", np.array([2.0, 0.0, 0.0, 0.0])), 2.0**-6, 2.0**-20, 2.0**-4
     large = flexgen.read("elbow@rigid")
     unit = mass * length**2
-
-    def small(body: Body) -> Body:
-        com, inertia = (np.multiply(x, size).tolist() for x, size in ((body.com, length), (body.inertia, unit)))
-        return Body(mass * body.mass, tuple(com), tuple(map(tuple, inertia)))
-
-    elements = [
-        replace(e, body=small(e.body), origin=replace(e.origin, position=tuple(length * x for x in e.origin.position)))
-        for e in large.elements
-    ]
-    motors = tuple(replace(m, inertia=unit * m.inertia) for m in large.motors)
-    gravity = tuple(x * length / time**2 for x in large.gravity)
-    tiny = replace(large, elements=tuple(elements), motors=motors, gravity=gravity, payload=small(large.payload))
+    tiny = rescaled(large, length, mass, time)
     channels = {"q_m": given["q_m"], "tau_m": given["tau_m"] * unit / time**2}
     found = [
         identify_load(*x) for x in ((large, given), (tiny, replace(given, time=time * given.time, channels=channels)))

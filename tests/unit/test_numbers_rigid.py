@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from enlarged import rescaled
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
@@ -168,18 +169,7 @@ def test_a_tiny_quick_arm_has_the_numbers_of_the_large_one() -> None:
     """Lengths, masses and times by powers of two: the torques are those of the large arm, scaled."""
     large, length, mass, time = flexgen.read("elbow@rigid"), 2.0**-6, 2.0**-20, 2.0**-4
     unit = mass * length**2
-
-    def small(body: Body) -> Body:
-        com, inertia = (np.multiply(x, size).tolist() for x, size in ((body.com, length), (body.inertia, unit)))
-        return Body(mass * body.mass, tuple(com), tuple(map(tuple, inertia)))
-
-    elements = [
-        replace(e, body=small(e.body), origin=replace(e.origin, position=tuple(length * x for x in e.origin.position)))
-        for e in large.elements
-    ]
-    gravity = tuple(x * length / time**2 for x in large.gravity)
-    motors = tuple(replace(m, inertia=unit * m.inertia) for m in large.motors)
-    tiny = replace(large, elements=tuple(elements), gravity=gravity, motors=motors)
+    tiny = rescaled(large, length, mass, time)
     motion = swung(large, 1500)
     found = identify_rigid(large, [motion], parts=2)
     scaled = identify_rigid(tiny, [Motion(time * motion.t, motion.q, motion.tau_m * (unit / time**2))], parts=2)
