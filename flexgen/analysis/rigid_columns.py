@@ -9,7 +9,8 @@ a hundredth of the torque is wrong, and no block of the errors shows it. The tor
 recorded, less rotors and friction: from the bodies, they would grow from round to round above the lowest natural
 frequency. Torques are recorded a delay later than the angles; the delay and the compliances c are numbers of a fit.
 
-All terms are filtered alike, and so the equation holds for what is kept: what is slower than the limit.
+All terms are filtered alike, and so the equation holds for what is kept: what is slower than the limit, and what
+friction at standstill cannot do (see `flexgen.analysis.rests_of_motors`).
 
 Source: M. Gautier, ICRA 1997 (the same filter for all terms).
 """
@@ -23,6 +24,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from flexgen.analysis.counterbalances import held_balances
+from flexgen.analysis.rests_of_motors import Rests
 from flexgen.analysis.rigid_regressor import Motion, Regressor
 from flexgen.mechanics.statics import gear_damping, gear_deflection
 from flexgen.numerics.low_pass import LENGTH, LowPass, bandwidth
@@ -93,7 +95,10 @@ class Columns:
         self._every = every
         self.Y, self.F, self.Z, self.known, self.held = [], [], [], [], []
         self.measured = self.recorded
-        self.moving = [np.abs(v @ model.eta.T) > MOVING * self.speed * ratio for _, v, _ in self.states]
+        moving = [np.abs(v) > MOVING * self.speed for v in self._speeds]
+        self.moving = [x[::every] for x in moving]
+        self._still = [~x & np.vstack(moving).any(axis=0) for x in moving]  # a motor that never moves has no friction
+        self._rests: dict[float, list[list[Rests]]] = {}
         for motion, (q, v, a) in zip(motions, self.states, strict=True):
             self.Y.append(self.motor_side(regressor(q, v, a)))
             self.Z.append(np.zeros((len(q), model.n_m, model.n_g + 1)))
@@ -214,16 +219,38 @@ class Columns:
         return out
 
     def below(self, limit: float) -> Columns:
-        """The samples through a filter with this limit [Hz]."""
-        if np.isinf(limit):
-            return self
-        low, out = LowPass(self.step, limit), copy(self)
+        """The samples through a filter with this limit [Hz], without what friction at standstill can do."""
+        out = copy(self)
         for name in TERMS:
-            setattr(out, name, [low(x) for x in getattr(self, name)])
+            setattr(out, name, [self.slow(k, x, limit) for k, x in enumerate(getattr(self, name))])
+        if np.isinf(limit):
+            return out
+        low = LowPass(self.step, limit)
         out.moving = [low.kept(x) for x in self.moving]
         out.step = self.step * low.every
         out.correlated = max(1.0, 0.5 / (limit * out.step))
         return out
+
+    def slow(self, k: int, x: np.ndarray, limit: float) -> np.ndarray:
+        """Torques (n, n_m, ...) in motion k below the limit [Hz], without what friction at standstill can do."""
+        low = None if np.isinf(limit) else LowPass(self.step, limit)
+        out = x if low is None else low(x)
+        rests = [rest.project(out[:, j]) for j, rest in enumerate(self._rests_of(limit, low)[k])]
+        return np.stack(rests, axis=1)
+
+    def _rests_of(self, limit: float, low: LowPass | None) -> list[list[Rests]]:
+        """What standstill of each motor does in each motion, behind the filter; the same for all numbers of a fit."""
+        if limit not in self._rests:
+
+            def slow(x: np.ndarray) -> np.ndarray:
+                rows = smooth_forces(x)[:: self._every]
+                return rows if low is None else low(rows)
+
+            cut = min(limit, WIDEST * self._every / self.step) * self.step / self._every
+            every = self._every * (1 if low is None else low.every)
+            reach = WINDOW + (0 if low is None else (2 * low.half + low.every) * self._every)
+            self._rests[limit] = [[Rests(x, cut, slow, every, reach) for x in still.T] for still in self._still]
+        return self._rests[limit]
 
     def by_motor(self) -> list[np.ndarray]:
         """Terms (n, numbers) of each motor: bodies, frictions of all motors row by row, lags."""
@@ -243,6 +270,11 @@ class Columns:
             of = getattr(self, name)
             setattr(out, name, [of[run][samples] for run, samples in pieces])
         return out
+
+    def samples_to_judge(self) -> np.ndarray:
+        """Samples (n, n_m) where a motor moves, and all where it never does."""
+        moving = np.vstack(self.moving)
+        return moving | ~moving.any(axis=0)
 
     def errors(self, pi: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rms of the errors, and deviations of the torques, of samples that move (n_m,); nan: none does."""

@@ -138,13 +138,12 @@ def _scores(
 
 def _fade_columns(whole: Columns, limit: float) -> tuple[np.ndarray, np.ndarray]:
     """Fades and columns (n, n_m, candidates) of friction that falls with speed, of each motor at several speeds."""
-    low = None if np.isinf(limit) else LowPass(whole.step, limit)
     speed = np.maximum(whole.largest_speeds(), 1e-12)
     fades = np.concatenate([1.0 / (part * speed) for part in SPEEDS])
     rows = []
     for part in SPEEDS:
         one = [level[:, :, None] * np.eye(len(speed)) for level, _ in whole.fade_columns(1.0 / (part * speed))]
-        rows.append(np.concatenate([x if low is None else low(x) for x in one]))
+        rows.append(np.concatenate([whole.slow(k, x, limit) for k, x in enumerate(one)]))
     return fades, np.concatenate(rows, axis=2)
 
 
@@ -160,8 +159,8 @@ def _candidates(
     names += [(f"gravity along {axis} of the base [m/s^2] more by", 0.0) for axis in "xyz"]
     gravities = [Regressor(replace(model, gravity=tuple(row))) for row in np.eye(3).tolist()]
     motors = np.abs(model.eta).argmax(axis=0)
-    low = None if np.isinf(limit) else LowPass(whole.step, limit)
-    for Y, total, links in zip(whole.Y, whole.torques(pi, friction), whole.links, strict=True):
+    every = 1 if np.isinf(limit) else LowPass(whole.step, limit).every
+    for k, (Y, total, links) in enumerate(zip(whole.Y, whole.torques(pi, friction), whole.links, strict=True)):
         one, load = np.ones_like(links[0]), Y @ pi
         zeros = whole.regressor.changes(links, pi, [-one, 0 * one, 0 * one])
         gravity = np.stack([weight(links[0], 0 * one, 0 * one) @ pi for weight in gravities], axis=2)
@@ -169,6 +168,6 @@ def _candidates(
         for i, j in enumerate(motors):
             ratios[:, j, i] -= load[:, j]
         torques = total[:, :, None] * np.eye(model.n_m)
-        every = np.concatenate([torques, whole.motor_side(zeros), ratios, whole.motor_side(gravity)], axis=2)
-        found.append(every if low is None else low(every))
-    return names, np.concatenate(found), whole.step * (1 if low is None else low.every)
+        changes = np.concatenate([torques, whole.motor_side(zeros), ratios, whole.motor_side(gravity)], axis=2)
+        found.append(whole.slow(k, changes, limit))
+    return names, np.concatenate(found), whole.step * every

@@ -270,5 +270,5 @@ def test_one_run_of_a_kr300_is_seen_not_to_determine_its_counterbalance(runs):
     both = identify_rigid(model, runs, counterbalance={"q2": 2})
     assert both.status == RigidStatus.FITTED
     alone = identify_rigid(model, runs[:1], counterbalance={"q2": 2})
-    assert alone.relative_errors(runs[1])[1] > 1.9
+    assert alone.relative_errors(runs[1])[1] > 1.0  # more than the torque itself
     assert alone.status == alone.validated(runs[:1], runs[1:]).status == RigidStatus.POORLY_VALIDATED

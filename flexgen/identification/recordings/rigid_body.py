@@ -250,7 +250,7 @@ def _settle(
         flat, at = _with_fades(flat, new, at)
         columns = flat.bent(*at, limit).below(limit)
         error = np.vstack(columns.measured) - np.vstack(columns.torques(at.pi, at.friction))
-        sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
+        sd = np.maximum(rms(error, columns.samples_to_judge()), 1e-9 * sd)
         change = abs(at.lags[-1] - before.lags[-1])
         if k + 1 >= ROUNDS and change < SETTLED * flat.period and still:
             break
