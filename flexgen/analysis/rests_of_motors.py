@@ -19,7 +19,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-SHORTEST = 0.25  # standstill times the limit of the filter: what is shorter is a reversal, and makes no difference
+SHORTEST = 0.25  # standstill times the limit of the filter: what is shorter is a reversal
 CELLS = 8.0  # of the piecewise linear functions, in 1 / limit
 FAINT = 1e-3  # of the largest torque at standstill, which may remain
 TOGETHER = 32  # functions that are filtered at a time
@@ -28,12 +28,13 @@ Filter = Callable[[np.ndarray], np.ndarray]
 
 
 class Rests:
-    """What one motor may do while it stands still.
+    """What the friction of one motor may do while it stands still, and how late it turns where the motor reverses.
 
     Parameters
     ----------
-    still : array (n,)
-        Whether it does, at each sample.
+    speed : array (n,)
+    least : float
+        Speed below which it stands still.
     limit : float
         Of the filter, times the step of the samples.
     slow : callable
@@ -43,23 +44,37 @@ class Rests:
         Samples of one that is kept, and samples on both sides that act on it.
     """
 
-    def __init__(self, still: np.ndarray, limit: float, slow: Filter, every: int, reach: int) -> None:
+    def __init__(self, speed: np.ndarray, least: float, limit: float, slow: Filter, every: int, reach: int) -> None:
         rows, columns, values, count = [], [], [], 0
+        late = np.zeros((len(speed), 1))
+        still = np.abs(speed) <= least
         edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0)).reshape(-1, 2)
-        for first, last in edges[(edges[:, 1] - edges[:, 0]) * limit > SHORTEST]:
-            nodes = np.linspace(first, last - 1, 2 + round(CELLS * (last - first) * limit))
-            cell = nodes[1] - nodes[0]
+        for first, last in edges:
+            if (last - first) * limit <= SHORTEST:
+                if first > 0 and last < len(speed) and speed[first - 1] * speed[last] < 0:
+                    change = (speed[last] - speed[first - 1]) / (last - first + 1)
+                    late[first:last] = np.sign(change) / np.sqrt(np.abs(change)) / (last - first)
+                continue
+            cells = round(CELLS * (last - first) * limit)
+            nodes = np.linspace(first, last - 1, cells + 1)
             for some in np.split(nodes, range(TOGETHER, len(nodes), TOGETHER)):
+                cell = nodes[1] - nodes[0]
                 begin = max(0, int(some[0] - cell) - reach) // every * every
-                at = np.arange(begin, min(len(still), int(some[-1] + cell) + reach + 2))
+                at = np.arange(begin, min(len(speed), int(some[-1] + cell) + reach + 2))
                 inside = (at >= first) & (at < last)
-                hats = inside[:, None] * np.maximum(0.0, 1.0 - np.abs(at[:, None] - some) / cell)
-                out = slow(hats)
+                out = slow(inside[:, None] * np.maximum(0.0, 1.0 - np.abs(at[:, None] - some) / cell))
                 row, column = np.nonzero(out)
                 rows.append(row + begin // every)
                 columns.append(column + count)
                 values.append(out[row, column])
                 count += len(some)
+        if late.any():
+            out = slow(late / np.abs(late).max())[:, 0]
+            row = np.flatnonzero(out)
+            rows.append(row)
+            columns.append(np.full(len(row), count))
+            values.append(out[row])
+            count += 1
         self._rests = None
         size = 1 + max((int(row.max(initial=-1)) for row in rows), default=-1)
         if size > 0:

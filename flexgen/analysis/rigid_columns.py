@@ -97,7 +97,7 @@ class Columns:
         self.measured = self.recorded
         moving = [np.abs(v) > MOVING * self.speed for v in self._speeds]
         self.moving = [x[::every] for x in moving]
-        self._still = [~x & np.vstack(moving).any(axis=0) for x in moving]  # a motor that never moves has no friction
+        self._moves = np.vstack(moving).any(axis=0)  # a motor that never moves has no friction
         self._rests: dict[float, list[list[Rests]]] = {}
         for motion, (q, v, a) in zip(motions, self.states, strict=True):
             self.Y.append(self.motor_side(regressor(q, v, a)))
@@ -249,7 +249,10 @@ class Columns:
             cut = min(limit, WIDEST * self._every / self.step) * self.step / self._every
             every = self._every * (1 if low is None else low.every)
             reach = WINDOW + (0 if low is None else (2 * low.half + low.every) * self._every)
-            self._rests[limit] = [[Rests(x, cut, slow, every, reach) for x in still.T] for still in self._still]
+            least = np.where(self._moves, MOVING * self.speed, -1.0)
+            self._rests[limit] = [
+                [Rests(x, y, cut, slow, every, reach) for x, y in zip(v.T, least, strict=True)] for v in self._speeds
+            ]
         return self._rests[limit]
 
     def by_motor(self) -> list[np.ndarray]:
