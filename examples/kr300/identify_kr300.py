@@ -4,8 +4,8 @@
 
 FOLDER has kr300_run_A.npz and kr300_run_B.npz, public recordings (J. Weigand et al., TU Kaiserslautern); the
 descriptions run_a.toml and run_b.toml are copied to it. Both runs are fitted, since a counterbalance that is fitted to
-one run alone fails on the other. The errors on both are 4 to 14 % below 2.5 Hz, 8 to 16 % on quarters that were left
-out of the fit. The gears found, 9.8e6 and 5.5e6 N m/rad, exclude those of the model file, 7.5e6 and 4.1e6, with their
+one run alone fails on the other. The errors on both are 3 to 11 % below 2.5 Hz, 5 to 10 % on quarters that were left
+out of the fit. The gears found, 9.3e6 and 5.5e6 N m/rad, exclude those of the model file, 7.5e6 and 4.1e6, with their
 90 % intervals. The picture torques.svg is written there.
 """
 
