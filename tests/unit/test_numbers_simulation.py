@@ -7,6 +7,7 @@ from itertools import pairwise
 from types import SimpleNamespace as Made
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -319,6 +320,21 @@ def test_the_time_after_the_end_holds_the_last_values() -> None:
         assert len(instants) == 3 + more and instants[-1] == pytest.approx(1.0 + held)
         assert_allclose(np.diff(instants[2:]), held / max(more, 1))
         assert channels["x"].ravel().tolist() == [1.0, 2.0] + [7.0] * (1 + more)
+
+
+@pytest.mark.parametrize("height", [0.0, 5e3, -5e3])
+def test_the_error_of_the_energy_is_relative_to_what_is_exchanged_at_any_height(height: float) -> None:
+    """A weight of 2 N is lifted by 1 m with 3 J, of which 0.9 J are lost and 0.06 J too little are there at the end."""
+    q, v, none = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("none", 0)
+    energy = ca.Function("energy", [q, v, none, none], [v**2 / 2, 2.0 * q])
+    made: Any = Made(function={"energy": energy}.__getitem__)
+    lifted, speed = np.array([[0.0], [0.5], [1.0]]), np.array([[0.0], [0.4], [np.sqrt(0.08)]])
+    work, loss = np.array([0.0, 1.5, 3.0]), np.array([0.0, 0.42, 0.9])
+    motion = lifted + height, speed, np.empty((3, 0)), np.empty((3, 0))
+    assert simulate._energy_error(made, motion, work, loss) == pytest.approx(0.06 / 3.0, rel=1e-6)
+    still = np.full((3, 1), height), np.zeros((3, 1)), *motion[2:]
+    rounding = 1e-12 * np.abs(height) * np.array([0.0, 1.0, -1.0])
+    assert simulate._energy_error(made, still, rounding, np.zeros(3)) < 1e-6
 
 
 def test_errors_of_outputs_are_in_metres_and_radians() -> None:
