@@ -138,7 +138,7 @@ class FakeDriver:
         return Status.SUCCESS, Status(status).name.lower().replace("_", " ").encode()
 
     def cuInit(self, flags: int) -> Any:
-        return (Status.SUCCESS,)
+        return (Status.SUCCESS if flags == 0 else Status.INVALID_VALUE,)
 
     def cuDeviceGetCount(self) -> Any:
         return Status.SUCCESS, self.cards
