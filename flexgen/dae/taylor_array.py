@@ -298,6 +298,8 @@ def _solve_least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
         x = np.asarray(splu(whole).solve(np.concatenate([np.zeros(n), b])))[:n]
     except RuntimeError:  # singular
         x = np.full(n, np.nan)
-    if np.isfinite(x).all() and np.abs(A @ x - b).max() <= LEFT * (1 + np.abs(x).max()):
+    # (a larger solution goes along directions that are not used)
+    used = np.isfinite(x).all() and RANK * np.linalg.norm(A) * np.linalg.norm(x) <= np.linalg.norm(b)
+    if used and np.abs(A @ x - b).max() <= LEFT * (1 + np.abs(x).max()):
         return x
     return np.asarray(lstsq(A, b, cond=RANK, lapack_driver="gelsy")[0])

@@ -478,6 +478,14 @@ def test_scales_and_ratios_of_blocks() -> None:
     assert_allclose(doubled, [3.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.parametrize("rows", [[[0.1, 0.2], [0.3, 0.6]], [[1.0, 0.1], [3.0, 0.3]]])
+def test_rows_that_depend_on_each_other_but_for_rounding_are_solved_by_least_squares(rows: list[list[float]]) -> None:
+    """Rows r and 3 r with the right side (1, 4): x = 1.3 r / |r|^2. Neither array is singular in its last digit: one
+    factorization has a residual of 0.4, the other one a solution of 2e16."""
+    found = taylor_array._solve_least_norm(np.array(rows), np.array([1.0, 4.0]))
+    assert_allclose(found, 1.3 * np.array(rows[0]) / np.dot(rows[0], rows[0]), rtol=1e-9)
+
+
 @pytest.mark.parametrize(("name", "expected"), [("elbow", (3, 8, 2)), ("planar5_nmp", (3, 8, 4))])
 def test_the_rule_of_gears(name: str, expected: tuple[int, int, int]) -> None:
     assert rule(derive(flexgen.read(name))) == expected
