@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import betainc
 
+from flexgen.errors import ArgumentError
 from flexgen.loop.law_motion import LawMotion
 from flexgen.paths.time_laws import SplineLaw, TimeLaw
 
@@ -27,6 +29,20 @@ def order_at_end(law) -> float:
 def test_smoothness_is_the_number_of_derivatives_that_vanish_at_both_ends(law):
     assert order_at_start(law) == pytest.approx(law.smoothness + 1, abs=0.15)
     assert order_at_end(law) == pytest.approx(law.smoothness + 1, abs=0.5)
+
+
+@pytest.mark.parametrize("smoothness", range(10))
+def test_the_shortest_polynomial_is_the_incomplete_beta_function(smoothness: int) -> None:
+    """The docstring states the integral, up to the smoothness 9 that model files may have."""
+    u = np.linspace(0.0, 1.0, 41)
+    found = TimeLaw(0.8, smoothness, 3.0)(0.8 * u, 0)[:, 0]
+    assert np.abs(found - 3.0 * betainc(smoothness + 1, smoothness + 1, u)).max() < 1e-10
+
+
+@pytest.mark.parametrize("smoothness", [-1, 10])
+def test_smoother_or_rougher_polynomials_are_refused(smoothness: int) -> None:
+    with pytest.raises(ArgumentError, match=f"smoothness: given {smoothness}, expected 0 to 9 continuous derivatives"):
+        TimeLaw(0.8, smoothness)
 
 
 @pytest.mark.parametrize("exact", [False, True])
