@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -12,6 +13,7 @@ from inversion_cases import given, samples
 from stream_machine import Machine, error
 from toolchain import needs_compiler
 
+from flexgen.codegen.c_functions import PARTS, offered_c_functions
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.library.generate import generate
@@ -112,6 +114,21 @@ def test_limits_in_single_precision(folder):
 def test_bvp_in_single_precision_is_refused(folder):
     with pytest.raises(ArgumentError, match="parts: given 'bvp', but it is in double precision only; leave it out"):
         generate("planar5_nmp", folder / "with", precision="single", parts=["bvp"], build=False)
+
+
+@pytest.mark.parametrize("parameters", [(), ("payload",)])
+def test_what_the_page_names_and_nothing_else_is_missing_in_single_precision(parameters):
+    """docs/c_library.md: but no `bvp` and `invert_limited`; each has a function for the size of its workspace."""
+    robot = read("planar5_nmp")
+    more, less = (
+        {f.name for f in offered_c_functions(robot, offered_functions(robot), parameters, precision, PARTS)}
+        for precision in ("double", "single")
+    )
+    text = (ROOT / "docs/c_library.md").read_text(encoding="utf-8")
+    (said,) = re.findall(r"Libraries in single precision have .* but no (.*)\.", text)
+    named = re.findall("`(.*?)`", said)
+    assert len(named) == 2 and more - less == {name + end for name in named for end in ("", "_work")}
+    assert less < more
 
 
 def test_numbers_too_large_for_single_precision(folder):
