@@ -129,6 +129,30 @@ def moved(vector: ParameterVector) -> np.ndarray:
     return vector.start + 0.05 * np.cos(np.arange(len(vector)))
 
 
+def test_springs_are_averaged_over_the_deflections_of_one_experiment() -> None:
+    """The matrix of a cubic spring averaged over a deviation, k + 3 k3 sd^2, has the deviation that the torques cause:
+    the mean over three experiments, which `UU` adds."""
+    stiffness, cubic = 10.0, 3e4
+    spring = {"type": "cubic", "stiffness": stiffness, "cubic": cubic}
+    model = flexgen.read("four_mass", overrides={"element.mass1.dof.q1.gear.spring": spring})
+    w = 2 * np.pi * np.array([0.11, 0.6, 1.7])
+    made = exact_responses(model, poses_of(model, 1), w, Drive(0.0, 0.0))
+    u = np.array([[0.010, 0.020, 0.011], [0.015, 0.006, 0.02j], [0.012j, 0.03, 0.01]])  # (experiments, lines)
+    UU = (np.abs(u) ** 2).sum(axis=0)[None, :, None, None] + 0j
+    vector = ParameterVector(model, ["q1.damping"])
+    residuals = Residuals(vector, replace(made, UU=UU, experiments=3))
+    residuals.average_springs(vector.start)
+    local = residuals.local
+    M, D, K, B = (x[0] for x in local.matrices(local.values, made.poses))
+    row, sd = local.deflection_rows[0], 0.0
+    for _ in range(50):
+        K_mean = K + 3 * cubic * sd**2 * np.outer(row, row)
+        X = np.array([row @ np.linalg.solve(K_mean + 1j * s * D - s**2 * M, B[:, 0]) for s in w])
+        sd = float(np.sqrt(np.mean([(np.abs(X * one) ** 2).sum() / 2 for one in u])))
+    assert 3 * cubic * sd**2 > 0.02 * stiffness  # so that the average matters
+    assert_allclose(residuals.deflection_sd, [[sd]], rtol=1e-3)
+
+
 @pytest.mark.parametrize("kind", ["nls", "lls", "structured"])
 def test_residuals_have_their_weights_and_derivatives(data: flexgen.Frf, kind: str) -> None:
     """Residuals by loops, derivatives by differences, sums, and the covariance of all entries."""
