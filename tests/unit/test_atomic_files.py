@@ -103,6 +103,25 @@ def test_the_rule_for_links_holds_for_users_other_than_root(tmp_path, monkeypatc
                 follow_links(shared / "link")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems follow other numbers of links")
+def test_as_many_links_are_followed_as_linux_follows(tmp_path):
+    folder = Path(os.path.realpath(tmp_path))
+    (folder / "0").touch()
+    refused = []
+    for k in range(1, 43):
+        (folder / str(k)).symlink_to(str(k - 1))
+        try:
+            os.stat(folder / str(k))
+        except OSError as error:
+            assert error.errno == errno.ELOOP
+            refused.append(k)
+            with pytest.raises(ArgumentError, match="links lead in a circle"):
+                follow_links(folder / str(k))
+        else:
+            assert follow_links(folder / str(k)) == folder / "0"
+    assert refused == [41, 42]
+
+
 def test_followed_is_the_real_path_and_ends_for_circles(tmp_path):
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "up").symlink_to("a/b/..")
