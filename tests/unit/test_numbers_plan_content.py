@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import derive
+from flexgen.model.moves import Move
+from flexgen.paths.path import Path
 from flexgen.planning import result
 from flexgen.planning.blocks import Block, check_finite, program
 from flexgen.planning.nodal import general_part
@@ -36,6 +40,26 @@ def unknowns(problem: Any, T: float, seed: int = 2) -> tuple[Layout, np.ndarray,
 def of(c: np.ndarray, t: np.ndarray, order: int = 0) -> np.ndarray:
     out = [np.polynomial.Polynomial(row) for row in c]
     return np.stack([(p.deriv(order) if order else p)(t) for p in out], axis=-1)
+
+
+def test_the_reference_of_a_plan_along_a_pose_is_that_of_the_move() -> None:
+    """A line whose rotation is in proportion to its length, at parameters that another motion of the joints has."""
+    equations, away, turn = derive("manutec_r3"), np.array([0.2, 0.2, -0.1]), np.array([0.3, -0.2, 0.5])
+    start = tuple(np.radians([0.0, 20.0, 70.0, 0.0, 60.0, 0.0]).tolist())
+    move = Move("line", "tool_line", start, 0.65, 5, displacement=tuple(away.tolist()), rotation=tuple(turn.tolist()))
+    model, s = equations.model, np.array([0.0, 0.15, 0.6, 1.0])
+    states = np.hstack([0.1 * np.random.default_rng(1).standard_normal((4, model.dof)), s[:, None]])
+    problem: Any = SimpleNamespace(
+        equations=equations, path=Path(equations, move), tracks=True, timing="free", push=None
+    )
+    layout: Any = SimpleNamespace(phases=[SimpleNamespace(mesh=SimpleNamespace(s=3))])
+    motion = result.Samples(np.linspace(0.0, 0.9, 4), states, 0 * states, 0 * states, np.zeros((4, model.n_m)), s[:0])
+    found, tracked = result._trajectory(problem, layout, motion)
+    begin, R = (np.array(x) for x in equations.function("forward_kinematics")(np.array(start)))
+    assert tracked
+    assert_allclose(found["y_ref"], begin.T + s[:, None] * away, atol=1e-9)
+    turned = Rotation.from_rotvec(s[:, None] * turn).as_matrix() @ R
+    assert_allclose(found["R_ref"], turned.reshape(4, 9), atol=1e-9)
 
 
 def test_samples_of_a_plan_are_its_polynomials() -> None:
