@@ -15,7 +15,7 @@ from flexgen.codegen import constants_header
 from flexgen.codegen.motor_constants import motor_constants
 from flexgen.errors import SolverError
 from flexgen.inversion import limits, settling
-from flexgen.inversion.methods import closed_form
+from flexgen.inversion.methods import closed_form, lq
 from flexgen.inversion.motor_side import deflections
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics import statics
@@ -45,6 +45,37 @@ def moving(n: int = 12, n_post: int = 8) -> Found:
 
 
 END: Any = Made(**{name: np.array([1.0, 2.0]) + 2 * k for k, name in enumerate(("q_a", "q_m", "tau_m", "tau_g"))})
+
+
+@pytest.mark.parametrize(
+    ("mesh", "h", "parts", "interval"),
+    [
+        (None, 2e-3, 1, 4e-3),
+        (None, 4.9e-3, 1, 9.8e-3),
+        (None, 6e-3, 1, 1e-2),
+        (None, 6e-3, 4, 2.5e-3),
+        (5e-4, 2e-2, 1, 2e-2),
+        (5e-4, 2e-2, 2, 1e-2),
+    ],
+)
+def test_intervals_of_the_inversion_in_c_are_two_steps_and_ten_milliseconds_at_most(
+    mesh: float | None, h: float, parts: int, interval: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a mesh that is given, its own length; each divided into parts."""
+    asked: list[float] = []
+
+    def grid(problem: Any, length: float) -> None:
+        asked.append(length)
+        raise SolverError("asked")
+
+    monkeypatch.setattr(lq, "grid", grid)
+    monkeypatch.setattr(lq, "inversion_library", lambda *given, **more: None)
+    given: Any = Made(
+        check_options=lambda *names: None, equations=None, force=None, options={}, progress=None, mesh=mesh
+    )
+    with pytest.raises(SolverError, match="asked"):
+        lq.invert_path(given, "lq", h, parts)
+    assert asked == [pytest.approx(interval, rel=1e-12)]
 
 
 def test_motions_that_are_cut_end_in_equilibrium() -> None:
