@@ -49,6 +49,18 @@ def test_states_of_bdf_satisfy_the_equations_with_its_differences(order: int) ->
     assert np.abs(other.x - bdf.march(case.dae, case.path, t, case.x_eq).x).max() > 1e-3  # given coefficients are used
 
 
+def test_iterations_of_bdf_are_the_equations_that_newtons_method_solves() -> None:
+    case, seen = arm(), []
+
+    def rows(*x: np.ndarray) -> list[ca.DM]:
+        seen.append(x)
+        return case.dae.rows(*x)
+
+    names = ("n", "n_x", "targets", "scales")
+    counted: Any = SimpleNamespace(**{name: getattr(case.dae, name) for name in names}, rows=rows)
+    assert bdf.march(counted, case.path, np.linspace(0.0, 0.4, 6), case.x_eq, 2).iterations == len(seen) > 10
+
+
 def test_extrapolation_removes_the_leading_error() -> None:
     case, t = arm(), np.linspace(0.0, 0.4, 6)
     coarse = bdf.march(case.dae, case.path, t, case.x_eq, 2)
