@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.signal import firwin, oaconvolve, welch
+from scipy.stats import chi2
 
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
@@ -106,10 +107,12 @@ def signals_of(record: Trajectory, motors: int, band_hz: float | None) -> Signal
         raise ArgumentError(f"record: given motor {', '.join(still)} at rest, expected that all motors move")
     rate = (n - 1) / span
     size = min(n, int(SPECTRUM_S * rate))
+    pieces = (n - size // 2) // (size - size // 2)  # which overlap by a half
+    median = chi2.median(2 * pieces) / (2 * pieces)  # of the power of white noise, over its mean
     f, power = welch(q_m, rate, STEEP, nperseg=size, axis=0, detrend="linear")
-    floor = np.median(power[f > QUIET * rate], axis=0)
+    floor = np.median(power[f > QUIET * rate], axis=0) / median
     _, torque_power = welch(tau_m, rate, STEEP, nperseg=size, axis=0, detrend="linear")
-    torque_sd = np.sqrt(np.median(torque_power[f > QUIET * rate], axis=0) * rate / 2)
+    torque_sd = np.sqrt(np.median(torque_power[f > QUIET * rate], axis=0) / median * rate / 2)
     wide = WIDE[int((torque_sd > ROUGH * tau_m.std(axis=0)).any())]
     if band_hz is None:
         moves = (power > ABOVE_NOISE * floor).any(axis=1) & (f < QUIET * rate)

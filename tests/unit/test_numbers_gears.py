@@ -87,6 +87,13 @@ def test_signals_in_the_band_of_a_record_are_what_they_were() -> None:
     )
 
 
+@pytest.mark.parametrize("seconds", [5.2, 6.0, 9.0, 20.0])
+def test_white_noise_of_a_record_has_its_standard_deviation_however_short_it_is(seconds: float) -> None:
+    """Its spectrum is the mean of pieces of 4 s; where these are few, the median over the lines is below the mean."""
+    found = signals_of(record_of(seconds, 1e-4), 2, 12.0)
+    assert_allclose(np.array([found.angle_sd, found.torque_sd]).mean(), 1e-4, rtol=0.05)
+
+
 def test_the_model_of_a_record_is_what_it_was() -> None:
     """Numbers of the arm, torques and derivatives; the loops, and what noise explains."""
     model, theta = made(), moved()
