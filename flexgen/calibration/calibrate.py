@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.calibration.components import Tilt, find_tilt, seen_others, tilt_slopes, whitening_of
+from flexgen.calibration.curvature import with_curvature
 from flexgen.calibration.fit import CalibrationFit, Problem, fit
 from flexgen.calibration.mistakes import find_start
 from flexgen.calibration.parameters import GROUPS, Priors, Unknown, trackers_of, unknowns_of
@@ -139,13 +140,14 @@ class _Study:
     def fit(self, start: np.ndarray, tell: Callable[[str], None] | None) -> tuple[CalibrationFit, Tilt | None]:
         """Each point by itself first; then, where trackers share a tilt, with the covariance of each pose."""
         statics, measured, unknowns = self.statics, self.measured, self.unknowns
-        found = fit(Problem(statics, measured, unknowns, self.robust), start, progress=tell)
+        problem = Problem(statics, measured, unknowns, self.robust)
+        found = fit(problem, start, progress=tell)
         tilt = self._tilt(found)
         if tilt is None:
-            return found, None
+            return with_curvature(problem, found), None
         problem = Problem(statics, measured, unknowns, self.robust, self._whitening(statics, found, tilt, self.valid))
         found = fit(problem, found.x, found.rest.deflection, tell)
-        return found, self._tilt(found)
+        return with_curvature(problem, found), self._tilt(found)
 
     def _tilt(self, found: CalibrationFit) -> Tilt | None:
         gross = (np.nan_to_num(found.errors) > GROSS * found.scale).any(axis=1)

@@ -139,7 +139,9 @@ def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
 
     def search(below: float, above: float) -> tuple[float, np.ndarray]:
         bounds = [(x - below, x + above) for x in start]
-        found = minimize(value, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        found = minimize(
+            value, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-13, "gtol": 1e-8}
+        )
         return float(found.fun), np.asarray(found.x)
 
     try:

@@ -28,6 +28,8 @@ LEAST_GAIN = 1e-6  # in squares of standard deviations, where the errors are zer
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
 SHARPEST = 1e-6  # of the range of the points, at most of 1 m: least scale, also of poses without noise
 FLAT = 1e-12  # part of the curvature along a number that directions without any information get
+PROBE = 0.1  # part of a step over which its bend is measured
+BEND = 0.4  # largest acceleration, as a part of the step
 LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of 1000 times
 
 
@@ -114,17 +116,40 @@ class Problem:
             w = np.broadcast_to(weights, r.shape)
         rows, r = np.sqrt(w)[..., None] * rows, np.sqrt(w) * r
         flat = rows.reshape(-1, p)
-        return Slopes(flat.T @ flat, rows, r, self.precision * (x - self.center))
+        return Slopes(flat.T @ flat, rows, r, self.precision * (x - self.center), np.sqrt(w))
+
+    def curvature(self, slopes: Slopes) -> np.ndarray:
+        """Half the curvature (p, p) of the objective, also along numbers without any information."""
+        matrix = slopes.A + np.diag(self.precision)
+        return np.asarray(matrix + FLAT * np.diag(np.diag(matrix)))
+
+    def bend(self, x: np.ndarray, rest: Rest, slopes: Slopes, step: np.ndarray) -> np.ndarray:
+        """J' W y'' (p,), y'': second derivative of the positions along a step, from a small part of it.
+
+        Raises
+        ------
+        SolverError
+            There is no equilibrium.
+        """
+        _, gap, _ = self.evaluate(x + PROBE * step, rest.deflection)
+        r = gap.reshape(len(gap), -1)
+        r = r if self.whitening is None else (self.whitening @ r[..., None])[..., 0]
+        change = (slopes.roots * r - slopes.gaps) / PROBE
+        return np.asarray(np.einsum("nr,nrp->p", 2.0 / PROBE * (change - slopes.rows @ step), slopes.rows))
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """``A`` (p, p): J' W J; ``rows`` (N, 3 k, p): W^1/2 J of each pose; ``gaps`` (N, 3 k): W^1/2 r; ``prior`` (p,)."""
+    """``A`` (p, p): J' W J; ``rows`` (N, 3 k, p): W^1/2 J of each pose; ``gaps`` (N, 3 k): W^1/2 r; ``prior`` (p,).
+
+    ``roots`` (N, 3 k): of the weights.
+    """
 
     A: np.ndarray
     rows: np.ndarray
     gaps: np.ndarray
     prior: np.ndarray
+    roots: np.ndarray
 
     @property
     def whole(self) -> np.ndarray:
@@ -159,12 +184,13 @@ def fit(
         if progress is not None:
             progress(f"step {count}: mean error {1e3 * lengths[problem.valid].mean():.3f} mm")
         slopes = problem.slopes(x, rest, gap, scale)
-        matrix, slope = slopes.A + np.diag(problem.precision), slopes.whole
+        matrix = slopes.A + np.diag(problem.precision)
         before = problem.objective(x, gap, scale)
         after = np.inf
         while damping < MOST_DAMPING:
-            there = x + _bounded_step(matrix + damping * np.diag(np.diag(matrix)), slope, problem.lower - x)
+            damped = matrix + damping * np.diag(np.diag(matrix))
             try:
+                there = x + _bent_step(problem, x, rest, slopes, damped)
                 trial = problem.evaluate(there, rest.deflection)
                 after = problem.objective(there, trial[1], scale)
             except SolverError:
@@ -180,6 +206,16 @@ def fit(
             converged = True
             break
     return _accuracy(problem, x, rest, gap, lengths, converged)
+
+
+def _bent_step(problem: Problem, x: np.ndarray, rest: Rest, slopes: Slopes, matrix: np.ndarray) -> np.ndarray:
+    """The bounded step, and where it is small against that, the acceleration along a valley that bends."""
+    least = problem.lower - x
+    step = _bounded_step(matrix, slopes.whole, least)
+    more = np.where(step > least, -0.5 * np.linalg.solve(matrix, problem.bend(x, rest, slopes, step)), 0.0)
+    size = np.diag(matrix)
+    small = size @ more**2 < BEND**2 * (size @ step**2)
+    return np.maximum(step + more, least) if small else step
 
 
 def _bounded_step(matrix: np.ndarray, slope: np.ndarray, least: np.ndarray) -> np.ndarray:
@@ -214,8 +250,7 @@ def _accuracy(
     """
     scale = problem.scale(lengths)
     slopes = problem.slopes(x, rest, gap, scale)
-    matrix = slopes.A + np.diag(problem.precision)
-    matrix = matrix + FLAT * np.diag(np.diag(matrix))
+    matrix = problem.curvature(slopes)
     free = (x > problem.lower) | (slopes.whole < 0)
     inner = np.ix_(free, free)
     inverse = np.linalg.inv(matrix[inner])

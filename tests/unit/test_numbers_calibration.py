@@ -283,7 +283,7 @@ def test_slopes_of_a_pose_have_its_errors_in_a_fit_without_it() -> None:
     every = list(range(7))
     x, J = best(every), rows[:, :, free]
     inverse = np.linalg.inv(np.einsum("nrp,nrq->pq", J, J) + prior[np.ix_(free, free)])
-    slopes = Slopes(np.eye(4), rows, J @ x - y, np.zeros(4))
+    slopes = Slopes(np.eye(4), rows, J @ x - y, np.zeros(4), np.ones(y.shape))
     for k, slope in enumerate(slopes.leave_out_each(free, inverse)):
         assert_allclose(inverse @ slope, best(every[:k] + every[k + 1 :]) - x, rtol=1e-10)
 
