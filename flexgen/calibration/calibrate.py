@@ -16,7 +16,7 @@ import numpy as np
 from flexgen.calibration.components import Tilt, find_tilt, seen_others, tilt_slopes, whitening_of
 from flexgen.calibration.curvature import with_curvature
 from flexgen.calibration.fit import CalibrationFit, Problem, fit
-from flexgen.calibration.mistakes import find_start
+from flexgen.calibration.mistakes import DOUBTFUL, find_start
 from flexgen.calibration.parameters import GROUPS, Priors, Unknown, trackers_of, unknowns_of
 from flexgen.calibration.poses import StaticPoses
 from flexgen.calibration.result import Calibration
@@ -126,7 +126,7 @@ def calibrate(
         np.linalg.norm(result.rest.points - stiff.points, axis=2),
         tilt,
         result.converged,
-        _warnings(unknowns, result, held_out),
+        _warn_unexplained(result, data.positions) + _warnings(unknowns, result, held_out),
     )
 
 
@@ -202,6 +202,18 @@ def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
     """Values of the frame of the measurement, the trackers and the places, from the search in closed form."""
     arrays = {"frame": found.frame, "tracker": found.trackers, "node": found.shifts}
     return np.array([arrays[u.kind][u.at if len(u.at) > 1 else u.at[0]] for u in unknowns])
+
+
+def _warn_unexplained(found: CalibrationFit, measured: np.ndarray) -> tuple[str, ...]:
+    """The part of the motion that the calibrated model does not explain, where that is more than a tenth."""
+    distance = np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2)
+    part = float(np.nanmedian(found.errors) / max(np.nanmedian(distance), 1e-9))
+    if part <= DOUBTFUL:
+        return ()
+    return (
+        f"the calibrated model leaves {100 * part:.0f} % of the motion of the trackers unexplained: check units, "
+        "signs and the order of the columns, and the joints and mechanisms of the model",
+    )
 
 
 def _warnings(unknowns: Sequence[Unknown], found: CalibrationFit, held_out: np.ndarray | None) -> tuple[str, ...]:

@@ -86,6 +86,8 @@ def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, Stati
         yield f"joints in {words}", replace(some, commands=some.commands * np.where(turns, factor, 1.0))
     for words, factor in (("mm, read as m", 1e-3), ("m, read as mm", 1e3)):
         yield f"positions in {words}", replace(some, positions=some.positions * factor)
+        if not turns.all():
+            yield f"slides in {words}", replace(some, commands=some.commands * np.where(turns, 1.0, factor))
     yield "positions in a left-handed frame", replace(some, positions=some.positions * [-1.0, 1.0, 1.0])
     for k, joint in enumerate(joints):
         signs = np.where(np.arange(len(joints)) == k, -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""Calibration where zeros and places are not separated by the poses: widths of lengths across them, and convergence."""
+"""Calibration of arms with slides, and where the poses do not separate zeros and places: widths and convergence."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import flexgen
 from flexgen.calibration.parameters import GROUPS, Priors, unknowns_of
 from flexgen.calibration.statics import Numbers, Statics
 from flexgen.calibration.tree import Tree
+from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 
 TRACKERS = [
@@ -82,3 +83,18 @@ def test_the_search_follows_a_valley_that_bends(seed: int, tmp_path: Path) -> No
     found, _ = of_drawn(gantry(tmp_path), q, 5e-5, seed)
     assert found.converged
     assert found.errors.mean() < 1e-4
+
+
+def test_units_of_slides_are_named_and_what_stays_unexplained_is_warned(tmp_path: Path) -> None:
+    """A joint that is commanded relative to the one before leaves a third of the motion: no single mistake."""
+    model, turns = gantry(tmp_path), np.array([0, 0, 0, 1, 1])
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 5)) * [0.5, 0.5, 0.5, 1.4, 1.4]
+    seen = flexgen.tracker_positions(model, q)
+    for words, factor in (("mm, read as m", 1e3), ("m, read as mm", 1e-3)):
+        wrong = flexgen.StaticPoses(np.where(turns, q, factor * q), seen)
+        with pytest.raises(ArgumentError, match=f"probably slides in {words}"):
+            flexgen.calibrate(model, wrong, folds=0)
+    assert flexgen.calibrate(model, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0).warnings == ()
+    q[:, 2] -= q[:, 1]
+    found = flexgen.calibrate(model, flexgen.StaticPoses(q, seen), free=["zeros"], folds=0)
+    assert "of the motion of the trackers unexplained" in found.warnings[0]
