@@ -141,6 +141,8 @@ def test_the_rest_of_a_soft_arm_does_not_depend_on_the_searches_before():
             residuals.rest(x)
     with pytest.raises(SolverError, match="equilibrium at pose 3"):
         residuals.rest(x)
+    assert list(causes._columns_of_numbers(residuals, residuals.vector.start))
+    assert not list(causes._columns_of_numbers(residuals, x))  # no cause is named there, and the fit is returned
 
 
 def test_a_model_that_fits_has_no_cause():

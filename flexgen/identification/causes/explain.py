@@ -17,6 +17,7 @@ Source: C. R. Rao, Proc. Cambridge Philosophical Society 44, 1948 (score test).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -199,13 +200,12 @@ def _columns_of_numbers(residuals: Residuals, x: np.ndarray) -> Iterator[tuple[H
     """Derivatives of the residuals in the numbers that are not free; those without ties by one call."""
     numbers = numbers_of(residuals.vector)
     single = [number for number in numbers if len(number.names) == 1]
-    groups = [single, *([number] for number in numbers if len(number.names) > 1)]
-    for group in groups:
-        names = tuple(name for number in group for name in number.names)
-        vector = extend(residuals.vector, names, residuals.vector.model if group is single else None)
-        J = as_real(*residuals.of(vector).weight(_at(vector, residuals.vector, x), True))[1]
-        for number in group:
-            yield number, J[:, vector.names.index(number.names[0])]
+    for group in (single, *([number] for number in numbers if len(number.names) > 1)):
+        with suppress(SolverError):  # the searches went where an equilibrium is not found anew
+            names = tuple(name for number in group for name in number.names)
+            vector = extend(residuals.vector, names, residuals.vector.model if group is single else None)
+            J = as_real(*residuals.of(vector).weight(_at(vector, residuals.vector, x), True))[1]
+            yield from ((number, J[:, vector.names.index(number.names[0])]) for number in group)
 
 
 def _at(vector: ParameterVector, old: ParameterVector, x: np.ndarray) -> np.ndarray:
