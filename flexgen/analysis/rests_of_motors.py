@@ -42,9 +42,20 @@ class Rests:
         has the same ones.
     every, reach : int
         Samples of one that is kept, and samples on both sides that act on it.
+    spoiled : int
+        Kept samples at each end that are not used, nor given to `project`.
     """
 
-    def __init__(self, speed: np.ndarray, least: float, limit: float, slow: Filter, every: int, reach: int) -> None:
+    def __init__(
+        self,
+        speed: np.ndarray,
+        least: float,
+        limit: float,
+        slow: Filter,
+        every: int,
+        reach: int,
+        spoiled: int = 0,
+    ) -> None:
         rows, columns, values, count = [], [], [], 0
         late = np.zeros((len(speed), 1))
         still = np.abs(speed) <= least
@@ -64,30 +75,29 @@ class Rests:
                 inside = (at >= first) & (at < last)
                 out = slow(inside[:, None] * np.maximum(0.0, 1.0 - np.abs(at[:, None] - some) / cell))
                 row, column = np.nonzero(out)
-                rows.append(row + begin // every)
+                rows.append(row + begin // every - spoiled)
                 columns.append(column + count)
                 values.append(out[row, column])
                 count += len(some)
         if late.any():
             out = slow(late / np.abs(late).max())[:, 0]
-            row = np.flatnonzero(out)
-            rows.append(row)
-            columns.append(np.full(len(row), count))
-            values.append(out[row])
+            rows.append(np.arange(len(out)) - spoiled)
+            columns.append(np.full(len(out), count))
+            values.append(out)
             count += 1
         self._rests = None
-        size = 1 + max((int(row.max(initial=-1)) for row in rows), default=-1)
-        if size > 0:
-            places = np.concatenate(rows), np.concatenate(columns)
-            self._rests = sparse.csc_matrix((np.concatenate(values), places), (size, count))
+        if count:
+            row, column, value = (np.concatenate(x) for x in (rows, columns, values))
+            kept = len(slow(np.zeros(len(speed)))) - 2 * spoiled
+            used = (row >= 0) & (row < kept) & (value != 0.0)
+            self._rests = sparse.csc_matrix((value[used], (row[used], column[used])), (kept, count))
             square = (self._rests.T @ self._rests).tocsc()
-            ridge = FAINT**2 * float(square.diagonal().max())
+            ridge = max(FAINT**2 * float(square.diagonal().max()), 1e-300)
             self._solve = splu(square + ridge * sparse.identity(count, format="csc")).solve
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """Samples (n, ...) behind the filter without what standstill can do."""
         if self._rests is None:
             return x
-        B, out = self._rests, x.reshape(len(x), -1).copy()
-        out[: B.shape[0]] -= B @ self._solve(B.T @ out[: B.shape[0]])
-        return out.reshape(x.shape)
+        out = x.reshape(len(x), -1)
+        return (out - self._rests @ self._solve(self._rests.T @ out)).reshape(x.shape)

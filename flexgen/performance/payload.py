@@ -6,13 +6,14 @@ The torques of the gears follow from the motors, those that the robot needs from
 
 The motion is low-passed at a higher frequency first: squares of smoothed speeds are not what is smoothed of squares.
 d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. s: the
-friction of each motor changes with temperature, f = (1 + s_1) f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Gears and
-links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the forces of
-the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, m c, d, s); a load is within
-`CENTER_SD` of the center of mass in the file, for what the motion does not show, such as the height in the tool of a
-palletizer. Standard deviations are the larger ones of two: of residuals whose correlation in time is that of the low
-pass, at least `LEAST_ERROR` of the torques, and of what leaving out four periods of the low pass changes, half a second
-at most, since errors of the model last longer.
+friction of each motor changes with temperature, f = (1 + s_1) f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Where a motor
+with Coulomb friction stands still, its friction is any torque, and is taken out (`flexgen.analysis.rests_of_motors`).
+Gears and links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the
+forces of the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, m c, d, s); a load is
+within `CENTER_SD` of the center of mass in the file, for what the motion does not show, such as the height in the tool
+of a palletizer. Standard deviations are the larger ones of two: of residuals whose correlation in time is that of the
+low pass, at least `LEAST_ERROR` of the torques, and of what leaving out four periods of the low pass changes, half a
+second at most, since errors of the model last longer.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
@@ -26,6 +27,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 from scipy.signal import butter, filtfilt
 
+from flexgen.analysis.rests_of_motors import Rests
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.gains import lowest_locked_hz
@@ -63,6 +65,8 @@ LEAST_LOAD = 1e-3  # of the whole payload, for that deviation
 UNKNOWN_M = 0.3  # m: a center of mass with a larger deviation is not known
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
 BLOCK_S, FEWEST_BLOCKS = 0.5, 6  # of a record, each left out once; fewer tell too little about five numbers
+MOVING = 0.01  # of the largest speed: slower motors stand still
+STICKS = 0.05  # of the friction at the largest speed, at that one: a motor with less has no friction at standstill
 LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 
 
@@ -181,7 +185,8 @@ class _Estimate:
         self.robot, self.h, self.rigid = robot, h, rigid
         self._filter = butter(2, 2 * low_pass_hz * h)
         self._of_motion = butter(2, 2 * min(OF_MOTION * low_pass_hz * h, HIGHEST))
-        self.kept = slice(round(ends / h), -round(ends / h))
+        self.spoiled = round(ends / h)
+        self.kept = slice(self.spoiled, -self.spoiled)
         q_m = record["q_m"]
         v_m = self._rate(self._smooth(q_m))
         a_m = self._rate(v_m)
@@ -213,7 +218,33 @@ class _Estimate:
         if not rigid:
             self.q_geared[:, list(robot.i_g)] -= gear_deflection(self.nominal, tau_g).reshape(len(q_m), -1)
             self.stiffness = self._stiffness()
-        self.effective = len(time[self.kept]) * min(1.0, NOISE_BAND * low_pass_hz * h)  # independent samples
+        self._rests, share = self._standstill(v_m, low_pass_hz)
+        self.moving = share * len(time[self.kept])  # samples that are judged
+        self.effective = self.moving * min(1.0, NOISE_BAND * low_pass_hz * h)  # independent ones
+
+    def _standstill(self, v_m: np.ndarray, low_pass_hz: float) -> tuple[list[Rests], float]:
+        """What friction at standstill does behind the filter, for each motor, and the share of samples without it."""
+        ratio = np.abs(self.robot.eta).max(axis=1)
+        units = [self.robot.coordinates[self.robot.i_g[i]].unit for i in np.abs(self.robot.eta).argmax(axis=1)]
+        speed = v_m / ratio
+        top = {unit: np.abs(speed[:, [u == unit for u in units]]).max() for unit in units}
+        most = ratio * [top[unit] for unit in units]
+        slow, fast = (
+            np.abs(evaluate(self.equations.function("motor_friction"), x[None])[0].ravel())
+            for x in (MOVING * most, most)
+        )
+        least = np.where(slow > STICKS * fast, MOVING * most, -1.0)
+        rests = [
+            Rests(v, x, low_pass_hz * self.h, lambda y: self._low_pass(self._smooth(y)), 1, self.spoiled, self.spoiled)
+            for v, x in zip(v_m.T, least, strict=True)
+        ]
+        return rests, float(np.mean(np.abs(v_m[self.kept]) > least))
+
+    def see(self, tau: np.ndarray) -> np.ndarray:
+        """Gear torques (n, n_g) over their scale, without what friction at standstill can do, of the samples kept."""
+        motors = tau[self.kept] @ self.to_arm.T
+        known = np.stack([rest.project(x) for rest, x in zip(self._rests, motors.T, strict=True)], axis=1)
+        return np.asarray(known @ self.robot.eta / self.scale)
 
     def _smooth(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(filtfilt(*self._of_motion, x, axis=0))
@@ -276,8 +307,8 @@ class _Estimate:
         def residual(x: np.ndarray) -> np.ndarray:
             load = values_of(x, self.farthest)
             tau = self._low_pass(self.forces(*self.motion(load), load) - friction)
-            needed = (self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:]))[self.kept]
-            return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - needed) / scale)
+            needed = self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:])
+            return self.see(tau[:, list(self.robot.i_g)] - needed)
 
         prior, last, part = np.zeros((count, count)), np.zeros(count), 1.0
         prior[LOAD:, LOAD:] = np.eye(count - LOAD) / FRICTION_SD**2
@@ -286,8 +317,8 @@ class _Estimate:
             columns = []
             for k, size in enumerate((1e-3 * unit, arm, arm, arm)):
                 columns.append((residual(x + size * (np.arange(count) == k)) - r).ravel() / size)
-            columns.append((-self.late[self.kept] / scale).ravel())
-            columns += [(f[self.kept] / scale).ravel() for f in self.friction.transpose(1, 0, 2)]
+            columns.append(-self.see(self.late).ravel())
+            columns += [self.see(f).ravel() for f in self.friction.transpose(1, 0, 2)]
             J, hidden = np.stack(columns, axis=1), CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
             prior[:4, :4] = about.T @ about / hidden**2
             weight = prior * self._variance(r)
@@ -302,7 +333,7 @@ class _Estimate:
             if change < CLOSE:
                 break
         r = residual(x)
-        tau, weight = self.tau_g[self.kept] / scale, prior * self._variance(r)
+        tau, weight = self.see(self.tau_g), prior * self._variance(r)
         covariances = [np.linalg.inv(J.T @ J + weight) * self._variance(r), self._left_out(r, J, weight)]
         sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
         is_nothing = max(x[0], change) < 2 * sd[0]  # steps between masses that noise hides
@@ -322,16 +353,15 @@ class _Estimate:
         com = (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * unit else np.full(3, np.nan)
         slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)  # of com in x
         com_sd = np.sqrt(np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0))
-        left = np.sqrt((r**2).mean(axis=0)) * scale
+        left = np.sqrt((r**2).sum(axis=0) / self.moving) * scale
         friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
         total = values_of(x, self.farthest)
         return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), total[1:], left, float(x[4]), friction)
 
     def _variance(self, r: np.ndarray) -> float:
         """Of an error that is independent of the others: more than that of the samples (n, n_g), which are alike."""
-        tau = self.tau_g[self.kept] / self.scale
-        count = max(self.effective * r.shape[1] - LOAD, 1.0)
-        return float((r**2).mean() + LEAST_ERROR**2 * (tau**2).mean()) * r.size / count
+        tau = self.see(self.tau_g)
+        return float((r**2).sum() + LEAST_ERROR**2 * (tau**2).sum()) / max(self.effective * r.shape[1] - LOAD, 1.0)
 
     def _left_out(self, r: np.ndarray, J: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Covariance of what leaving out a block of the record changes (jackknife); zero for few blocks."""

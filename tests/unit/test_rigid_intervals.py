@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moves_with_stiction import poses
 from numpy.testing import assert_allclose
 from scipy.stats import t as student
 
@@ -106,39 +107,13 @@ def test_a_friction_that_falls_with_speed_is_larger_at_rest() -> None:
     assert not is_possible(model, F, numbers, sure, torque, np.full(2, 3.0))
 
 
-def poses(seed: int, noise: float, friction: np.ndarray) -> list[Motion]:
-    """Two records of 10 s of moves from pose to pose; at rest, friction is any torque up to that of Coulomb."""
-    model, rng = flexgen.read("elbow@rigid"), np.random.default_rng(seed)
-    e, h, out = flexgen.derive(model).function("inverse_dynamics"), 2e-3, []
-    for _ in range(2):
-        q, v, a, stiction, at = [], [], [], [], rng.uniform(-0.8, 0.8, 2)
-        for _ in range(7):
-            move, to = rng.uniform(0.8, 1.3), rng.uniform(-0.8, 0.8, 2)
-            x, rest = np.arange(round(move / h))[:, None] * h / move, np.ones((100, 1))
-            for rows, s, size in (
-                (q, x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3), 1.0),
-                (v, 140 * (x - x**2) ** 3, move),
-                (a, 420 * (x - x**2) ** 2 * (1 - 2 * x), move**2),
-            ):
-                rows += [(at if rows is q else 0.0) + s * (to - at) / size, (to if rows is q else 0 * to) * rest]
-            stiction += [0 * x * to, rng.uniform(-1, 1, 2) * rest]
-            at = to
-        q, v, a = (np.vstack(rows) for rows in (q, v, a))
-        tau = np.array(e.map(len(q))(q.T, v.T, a.T)).T @ np.linalg.inv(model.eta)
-        tau += np.array([m.inertia for m in model.motors]) * (a @ model.eta.T) + friction[0] * v
-        tau += friction[1] * (np.sign(v * np.sign(np.diag(model.eta))) + np.vstack(stiction))
-        t = h * np.arange(len(q))
-        out.append(Motion(t, q + 1e-6 * rng.normal(size=q.shape), tau + noise * rng.normal(size=tau.shape)))
-    return out
-
-
 @pytest.mark.parametrize("noise", [2e-3, 0.02])
 def test_friction_at_standstill_is_any_torque(noise: float) -> None:
     """Moves from pose to pose, with friction that jumps as they begin and end: numbers within their deviations."""
     model, true = flexgen.read("elbow@rigid"), np.array([[0.8, 1.0], [1.0, 1.5]])
     away = []
     for seed in range(4):
-        found = identify_rigid(model, poses(seed, noise, true), parts=0)
+        found = identify_rigid(model, [Motion(*x) for x in poses(model, true, noise, seed, 2)], parts=0)
         sd = np.sqrt(np.diag(found.covariance))[len(found.pi) :][: found.friction.size].reshape(2, -1)
         away.append((found.friction[:, :2] - true.T) / sd[:, :2])
         assert (sd[:, :2] < 0.1 * true.T).all()
