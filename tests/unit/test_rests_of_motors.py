@@ -39,7 +39,7 @@ def test_any_torque_at_standstill_is_taken_out_and_others_are_kept() -> None:
     assert none.project(moving) is moving
 
 
-def test_a_short_pass_through_zero_is_no_standstill() -> None:
+def test_a_short_pass_through_zero_is_kept() -> None:
     """A quarter of 1 / limit, 31.25 samples, and a little more; on the way forward only."""
     speed, x = np.ones(2000), np.ones(3)
     speed[800:831] = 0.0
