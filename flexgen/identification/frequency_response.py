@@ -51,7 +51,7 @@ class Frf(ArrayResult):
         Of the plan.
     motors : tuple of str
         Inputs, and the first outputs.
-    poses : array (k, n_m) [rad]
+    poses : array (k, n_m) [rad, of the motors]
     w : array (lines,) [rad/s]
     G : complex array (k, lines, outputs, n_m) [rad/s^2 / (N m) or m/s^2 / (N m)]
     UU : complex array (k, lines, n_m, n_m) [(N m)^2]

@@ -28,6 +28,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from flexgen.analysis.response_outputs import ANGLE
+from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.operating_points import along_x
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
@@ -128,8 +129,7 @@ class Residuals:
         """Average springs that are not linear over the deflections that the torques of the data cause at x."""
         if not self.local.springs:
             return
-        named = self.vector.named(x)
-        values = np.array([named[name] for name in self.local.names])
+        values, _ = self.rest(x)
         UU = self.data.UU / self.data.experiments
         for _ in range(AVERAGINGS):
             self.deflection_sd = self.local.deflection_sd(
@@ -154,13 +154,12 @@ class Residuals:
         right = np.linalg.cholesky(self.data.UU) * np.sqrt(self.data.periods)
         if self.data.noise_UU is not None:
             inverse = np.linalg.inv(right)
-            noise, V = np.linalg.eigh(
-                self.data.periods * inverse @ self.data.noise_UU @ inverse.conj().swapaxes(-1, -2)
-            )
+            back = inverse.conj().swapaxes(-1, -2)
+            noise, V = np.linalg.eigh(self.data.periods * inverse @ self.data.noise_UU @ back)
             weight = 1 / (1 + (np.maximum(noise, 0.0) / NOISY) ** 4)
             root = np.sqrt(weight)[..., None, :]
             right = right @ V * root
-            self._noisy = inverse.conj().swapaxes(-1, -2) @ V * root, weight, np.maximum(noise, 0.0)
+            self._noisy = back @ V * root, weight, np.maximum(noise, 0.0)
             self.count = self.data.G.shape[2] * float(weight.sum())
         self._white = white, right
         self.kind = "structured"
@@ -179,6 +178,8 @@ class Residuals:
             J = None if dG is None else np.einsum("klia,klabp,klbj->klijp", left, dG, right, optimize=True)
             return r, J
         if self.kind == "lls":
+            if not (G.all() and self.data.G.all()):
+                raise ArgumentError('residual: given "lls", expected "nls": a response is zero, and has no logarithm')
             weight = np.abs(self.data.G) / np.sqrt(self.variance)
             return np.log(G / self.data.G) * weight, None if dG is None else dG * (weight / G)[..., None]
         weight = 1.0 / np.sqrt(self.variance)
@@ -245,8 +246,7 @@ class Residuals:
             return inverse @ (0.5 * B + prior) @ inverse + lost @ lost.T
         inverse = np.linalg.inv(A + prior)
         if self.kind == "lls":
-            to_weight = 1.0 / np.abs(self.response(x).G)  # a small error of the logarithm, in sd of the element
-            to_weight = to_weight * np.abs(self.data.G) / np.sqrt(self.variance)
+            to_weight = np.abs(self.data.G / self.response(x).G) / np.sqrt(self.variance)  # of small errors, in sd
         else:
             to_weight = 1.0 / np.sqrt(self.variance)
         Z = J * to_weight[..., None]

@@ -153,6 +153,15 @@ def test_springs_are_averaged_over_the_deflections_of_one_experiment() -> None:
     assert_allclose(residuals.deflection_sd, [[sd]], rtol=1e-3)
 
 
+def test_a_response_of_zero_has_no_logarithm(data: flexgen.Frf) -> None:
+    """Axes at right angles; the logarithm was minus infinity, and eigenvalues did not converge."""
+    vector, G = ParameterVector(without_coulomb("planar5_nmp"), ["q1.stiffness"]), data.G.copy()
+    G[1, 2, 0, 1] = 0.0
+    with pytest.raises(ArgumentError, match='residual: given "lls", expected "nls": a response is zero, and has no'):
+        Residuals(vector, replace(data, G=G), "lls").weight(moved(vector), False)
+    assert np.isfinite(Residuals(vector, replace(data, G=G)).weight(moved(vector), False)[0]).all()
+
+
 @pytest.mark.parametrize("kind", ["nls", "lls", "structured"])
 def test_residuals_have_their_weights_and_derivatives(data: flexgen.Frf, kind: str) -> None:
     """Residuals by loops, derivatives by differences, sums, and the covariance of all entries."""
