@@ -30,6 +30,7 @@ SHARPEST = 1e-6  # of the range of the points, at most of 1 m: least scale, also
 FLAT = 1e-12  # part of the curvature along a number that directions without any information get
 PROBE = 0.1  # part of a step over which its bend is measured
 BEND = 0.4  # largest acceleration, as a part of the step
+AS_PLANNED = 0.75  # of the gain that a step promised: a valley along which steps gain less bends
 LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of 1000 times
 
 
@@ -176,7 +177,7 @@ def fit(
     SolverError
         There is no equilibrium at the start.
     """
-    x, damping, converged = np.maximum(start.astype(float), problem.lower), DAMPING, False
+    x, damping, converged, straight = np.maximum(start.astype(float), problem.lower), DAMPING, False, True
     rest, gap, lengths = problem.evaluate(x, deflection)
     for count in range(STEPS):
         check_time("calibrate")
@@ -190,17 +191,20 @@ def fit(
         while damping < MOST_DAMPING:
             damped = matrix + damping * np.diag(np.diag(matrix))
             try:
-                there = x + _bent_step(problem, x, rest, slopes, damped)
+                step = _bounded_step(damped, slopes.whole, problem.lower - x)
+                there = x + (step if straight else _bent_step(problem, x, rest, slopes, damped, step))
                 trial = problem.evaluate(there, rest.deflection)
                 after = problem.objective(there, trial[1], scale)
             except SolverError:
                 after = np.inf
             if after <= before:
                 break
-            damping *= 10.0
+            damping, straight = 10.0 * damping, False
         if not after <= before:
             converged = True  # no step along the slope lowers the objective: rounding
             break
+        step = there - x
+        straight = before - after > AS_PLANNED * -(2.0 * slopes.whole @ step + step @ matrix @ step)
         x, (rest, gap, lengths), damping = there, trial, max(damping / 10.0, LEAST_DAMPING)
         if before - after < SMALL_GAIN * before + LEAST_GAIN:
             converged = True
@@ -208,10 +212,11 @@ def fit(
     return _accuracy(problem, x, rest, gap, lengths, converged)
 
 
-def _bent_step(problem: Problem, x: np.ndarray, rest: Rest, slopes: Slopes, matrix: np.ndarray) -> np.ndarray:
-    """The bounded step, and where it is small against that, the acceleration along a valley that bends."""
+def _bent_step(
+    problem: Problem, x: np.ndarray, rest: Rest, slopes: Slopes, matrix: np.ndarray, step: np.ndarray
+) -> np.ndarray:
+    """The step, and where it is small against that, the acceleration along a valley that bends."""
     least = problem.lower - x
-    step = _bounded_step(matrix, slopes.whole, least)
     more = np.where(step > least, -0.5 * np.linalg.solve(matrix, problem.bend(x, rest, slopes, step)), 0.0)
     size = np.diag(matrix)
     small = size @ more**2 < BEND**2 * (size @ step**2)
