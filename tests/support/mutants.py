@@ -7,7 +7,8 @@ call its function: all in files that name its module, then one case of each othe
 those in files that name its room first, then the shortest first. Of a line outside functions: those that call
 functions which use its names, and the files that name its module. Of it and of defaults in signatures: those that
 compare names, helps and defaults with files and pages, too. Numbers in texts and arguments that change no result are
-left out. A mutant survives where all of them pass, or where there is none. The source is changed in copies only.
+left out. Tests that fail without a mutant do not count. A mutant survives where all others pass, or where there are
+none. The source is changed in copies only.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import ast
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -184,16 +186,30 @@ def report_calls(mutants: list[Mutant], copy: Path) -> None:
 
 @dataclass(frozen=True)
 class Calls:
-    """The tests that call the function of each mutant, by its number, and how long each test takes [s]."""
+    """The tests that call the function of each mutant, by its number, how long each takes [s], and which ones fail."""
 
     tests: dict[int, set[str]]
     seconds: dict[str, float]
+    failing: set[str]
+
+
+def cases_of(report: Path) -> dict[str, ElementTree.Element]:
+    """The tests in a report of pytest, by their name."""
+    if not report.exists():  # a test was not found
+        return {}
+    cases = ElementTree.parse(report).iter("testcase")
+    return {f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}": case for case in cases}
+
+
+def failing_of(report: Path) -> set[str]:
+    """The tests that fail in a report of pytest."""
+    return {test for test, case in cases_of(report).items() if {"failure", "error"} & {part.tag for part in case}}
 
 
 def calls_of(mutants: list[Mutant], copy: Path, workers: int) -> Calls:
-    """One run of the quick tests in the copy."""
+    """One run of the quick tests in the copy; those that fail run again, in a copy that reports no calls."""
     report_calls(mutants, copy)
-    hits, times = copy / "hits", copy / "times.xml"
+    hits, times, again = copy / "hits", copy / "times.xml", copy / "again.xml"
     hits.mkdir()
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", str(workers), "-m", QUICK]
     there = {**os.environ, "PYTHONPATH": str(copy), "MUTANT_HITS": str(hits)}
@@ -203,13 +219,16 @@ def calls_of(mutants: list[Mutant], copy: Path, workers: int) -> Calls:
         for line in file.read_text(encoding="utf-8").splitlines():
             number, _, test = line.partition(" ")
             found.setdefault(int(number), set()).add(test)
-    seconds = {}
-    for case in ElementTree.parse(times).iter("testcase"):
-        path = case.get("classname", "").replace(".", "/")
-        seconds[f"{path}.py::{case.get('name')}"] = float(case.get("time", 0.0))
     for file in {file for mutant in mutants for file, _ in users_of(mutant)}:
         shutil.copy(file, copy / file.relative_to(ROOT))
-    return Calls(found, seconds)
+    seconds = {test: float(case.get("time", 0.0)) for test, case in cases_of(times).items()}
+    failing = failing_of(times)
+    if failing:
+        there = {**os.environ, "PYTHONPATH": str(copy)}
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--junitxml={again}"]
+        subprocess.run([*command, *sorted(failing)], cwd=copy, env=there, stdout=subprocess.DEVNULL, check=False)
+        failing -= cases_of(again).keys() - failing_of(again)  # those that pass now
+    return Calls(found, seconds, failing)
 
 
 def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
@@ -229,14 +248,15 @@ def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
     return called + STATED + near
 
 
-def survives(mutant: Mutant, tests: list[str], copy: Path, timeout_s: float) -> bool:
-    """Whether these tests pass with the mutant in the copy."""
+def survives(mutant: Mutant, tests: list[str], failing: set[str], copy: Path, timeout_s: float) -> bool:
+    """Whether these tests, without those that fail anyway, pass with the mutant in the copy."""
     if not tests:
         return True
     place = copy / mutant.file.relative_to(ROOT)
     place.write_text(mutant.text, encoding="utf-8")
     try:
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", QUICK, *tests]
+        command += [f"--deselect={test}" for test in sorted(failing)]
         there = {**os.environ, "PYTHONPATH": str(copy)}
         done = subprocess.run(command, cwd=copy, env=there, capture_output=True, timeout=timeout_s, check=False)
         return done.returncode in (0, 5)
@@ -247,12 +267,13 @@ def survives(mutant: Mutant, tests: list[str], copy: Path, timeout_s: float) -> 
 
 
 def main() -> None:
-    """Print each mutant and the share that is killed."""
+    """Print the tests that fail without a mutant, then each mutant and the share that is killed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2, help="of the run that finds the tests of each mutant")
     given = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background has tests ignore it
     killed = 0
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"
@@ -261,10 +282,12 @@ def main() -> None:
         mutants = drawn(given.count, given.seed)
         print("one run of the quick tests, to find the tests of each mutant", flush=True)
         calls = calls_of(mutants, copy, given.workers)
+        for test in sorted(calls.failing):
+            print(f"fails without a mutant: {test}", flush=True)
         for number, mutant in enumerate(mutants, 1):
             tests = tests_of(mutant, number - 1, calls)
             expected = sum(calls.seconds.get(test, LONG_S) for test in tests)
-            alive = survives(mutant, tests, copy, TIMEOUT_S + SLOWER * expected)
+            alive = survives(mutant, tests, calls.failing, copy, TIMEOUT_S + SLOWER * expected)
             killed += not alive
             place = f"{mutant.file.relative_to(ROOT)}:{mutant.line}"
             verdict = f"SURVIVES {len(tests)} tests" if alive else "killed"
