@@ -53,6 +53,22 @@ def test_too_large_libraries_go(tmp_path, monkeypatch) -> None:
     assert sorted(tmp_path.iterdir()) == libraries[4:]
 
 
+@pytest.mark.parametrize(("count", "size"), [(2, 2**28), (64, 1)])
+def test_64_libraries_and_512_mib_stay(tmp_path: Path, count: int, size: int) -> None:
+    """One byte or library more, and the one used least lately goes; the files are sparse."""
+    folder = tmp_path / "libraries"
+    *libraries, newest = kept(folder, [IN_USE + 600.0 - k for k in range(count + 1)], size=0)
+    for library in libraries:
+        os.truncate(library / "library.so", size)
+    aside = newest.rename(tmp_path / "newest")
+    prune(folder)
+    assert all(path.exists() for path in libraries)
+    os.truncate(aside / "library.so", 1)
+    aside.rename(newest)
+    prune(folder)
+    assert sorted(folder.iterdir()) == sorted([*libraries[1:], newest])
+
+
 def test_libraries_in_use_and_other_files_stay(tmp_path, monkeypatch) -> None:
     kept(tmp_path, [1.0, IN_USE - 60.0, IN_USE + 60.0])
     elsewhere = kept(tmp_path / "elsewhere" / "far", [IN_USE + 999.0])[0]
