@@ -329,14 +329,15 @@ class _Estimate:
             part = part / 2 if last @ A @ step < 0 else min(2 * part, 1.0)  # steps that turn back are too long
             before, x = x, x + part * step
             x[0], last = max(x[0], 1e-6 * unit), part * step
-            change = np.abs((x - before)[:4] / [1.0, length, length, length]).max() / (unit + np.abs(x[0]))
+            moved = np.abs((x - before)[:4] / [1.0, length, length, length]).max()
+            change = moved / (unit + np.abs(x[0]))
             if change < CLOSE:
                 break
         r = residual(x)
         tau, weight = self.see(self.tau_g), prior * self._variance(r)
         covariances = [np.linalg.inv(J.T @ J + weight) * self._variance(r), self._left_out(r, J, weight)]
         sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
-        is_nothing = max(x[0], change) < 2 * sd[0]  # steps between masses that noise hides
+        is_nothing = max(x[0], moved) < 2 * sd[0]  # steps between masses that noise hides
         is_hidden = (np.abs(x - before)[:4] < OF_DEVIATION * sd[:4]).all()
         if not (change < NOT_CLOSE or is_nothing or is_hidden):
             raise SolverError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace as Made
 from typing import Any
 
@@ -117,6 +118,36 @@ def test_a_load_that_the_record_does_not_show_is_refused(monkeypatch: pytest.Mon
     monkeypatch.setattr(payload, "STEPS", 1)
     with pytest.raises(SolverError, match=r"no solution in 1 steps, the last changed the load by .*to the model arm\?"):
         estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02]).solve()
+
+
+def test_a_last_step_below_a_tenth_of_the_deviations_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search is stopped early: its last step is that of the refusal, in kg, and in kg m for an arm of 1 m."""
+    monkeypatch.setattr(payload, "STEPS", 2)
+    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
+    with pytest.raises(SolverError, match="no solution in 2 steps") as refused:
+        made.solve()
+    step = float(re.findall(r"changed the load by (\S+);", str(refused.value))[0]) * (made.unit + 5.0)
+    assert 0.01 < step < 0.1
+    left = np.eye(5) * (9.0 * step) ** 2
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: left)
+    with pytest.raises(SolverError, match="no solution in 2 steps"):
+        made.solve()
+    left = np.eye(5) * (11.0 * step) ** 2
+    load = made.solve()
+    assert load.mass == pytest.approx(linear_fit(made)[0][0] - 2.0, abs=0.1 * step)
+
+
+def test_steps_between_masses_that_noise_hides_end_alike_for_light_arms(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A first step of which a deviation of 4 kg hides all, and the same with a thousandth of all masses."""
+    monkeypatch.setattr(payload, "STEPS", 1)
+    masses = []
+    for size in (1.0, 1e-3):
+        made = estimate(monkeypatch, [3.0, 0.3, -0.2, 0.1, 0.02])
+        made.of_file[1], made.unit, made.slopes = 2.0 * size, size, made.slopes / size
+        left = np.diag([16.0, 0.0, 0.0, 0.0, 0.0]) * size**2
+        monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight, left=left: left)
+        masses.append(made.solve().mass / size)
+    assert masses[1] == pytest.approx(masses[0], rel=1e-6) and abs(masses[0] - 1.0) < 1.0
 
 
 def test_a_direction_that_no_motion_shows_is_known_by_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
