@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
@@ -135,9 +136,12 @@ def test_a_library_is_compared_with_the_equations() -> None:
 
 @pytest.mark.parametrize(("exponent", "gamma"), [(1.0, 0.3), (2.0, 0.5), (3.7, -0.4)])
 def test_the_table_of_a_curve_in_c_is_the_curve(exponent: float, gamma: float) -> None:
-    """Each row holds until the next one begins; the last one ends where the torque slips."""
+    """Each row holds until the next one begins; the last one ends where the torque slips; C reads all of a row."""
     curve = curve_of(Hysteresis(1.0, 1.0, exponent, gamma))
     (first, dense, late), rows = curve.table()
+    source = (Path(flexgen.__file__).parent / "clib" / "hysteresis.h").read_text(encoding="utf-8")
+    read = re.findall(r"\bc\[(\d+)\]", source.partition("real on_piece(")[2].partition("\n}\n")[0])
+    assert {int(k) for k in read} == set(range(rows.shape[1] - 2))  # behind its begin and one over its length
     begins = rows[:, 0]
     assert first == 0 and begins[dense] < 0.0 < begins[late] and (np.diff(begins) > 0).all()
     assert np.ptp(np.diff(begins[: dense + 1])) < 1e-9 * np.abs(begins[0]) + 1e-12  # pieces of one length
