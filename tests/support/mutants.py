@@ -2,13 +2,13 @@
 
     python tests/support/mutants.py --count 200 --seed 1
 
-The quick tests run once in a copy whose functions report which test calls them. The tests of a mutant are those that
-call its function: all in files that name its module, then one case of each other test function before the others,
+The quick tests run once in a copy whose lines report which test reaches them. The tests of a mutant are those that
+reach its statement: all in files that name its module, then one case of each other test function before the others,
 those in files that name its room first, then the shortest first. Of a line outside functions: those that call
-functions which use its names, and the files that name its module. Of it and of defaults in signatures: those that
-compare names, helps and defaults with files and pages, too. Numbers in texts and arguments that change no result are
-left out. Tests that fail without a mutant do not count. A mutant survives where all others pass, or where there are
-none. The source is changed in copies only.
+functions which use its names, and files that name its module, first those that have its names. Of it and of defaults
+in signatures: those that compare names, helps and defaults with files and pages, too. Numbers in texts and arguments
+that change no result are left out. Tests that fail without a mutant do not count. A mutant survives where all others
+pass, or where there are none. The source is changed in copies only.
 """
 
 from __future__ import annotations
@@ -141,16 +141,38 @@ def function_of(mutant: Mutant) -> ast.FunctionDef | None:
     return max(inside, key=lambda node: node.lineno, default=None)
 
 
-def users_of(mutant: Mutant) -> list[tuple[Path, ast.FunctionDef]]:
-    """Functions that a mutant changes: the one around it, or those that use the names which its statement assigns."""
-    function = function_of(mutant)
-    if function is not None:
-        return [(mutant.file, function)]
+def names_of(mutant: Mutant) -> set[str]:
+    """The names which the statement of a mutant assigns."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(mutant.file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= mutant.line <= (node.end_lineno or 0):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             names |= {x.id for target in targets for x in ast.walk(target) if isinstance(x, ast.Name)}
+    return names
+
+
+def reached_of(file: Path, number: int, function: ast.FunctionDef) -> ast.stmt:
+    """The innermost statement of a function around a line that begins a line, else the first one of its body."""
+    first = function.body[0]
+    described = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and len(function.body) > 1
+    lines = file.read_text(encoding="utf-8").splitlines()
+    around = [
+        node
+        for part in function.body
+        for node in ast.walk(part)
+        if isinstance(node, ast.stmt) and node.lineno <= number <= (node.end_lineno or 0)
+        if not lines[node.lineno - 1].encode()[: node.col_offset].strip()
+        if not lines[node.lineno - 1].lstrip().startswith("elif")
+    ]
+    return max(around, key=lambda node: node.lineno, default=function.body[1] if described else first)
+
+
+def users_of(mutant: Mutant) -> list[tuple[Path, ast.FunctionDef]]:
+    """Functions that a mutant changes: the one around it, or those that use the names which its statement assigns."""
+    function = function_of(mutant)
+    if function is not None:
+        return [(mutant.file, function)]
+    names = names_of(mutant)
     module = ".".join(mutant.file.relative_to(ROOT).with_suffix("").parts)
     return [
         (file, function)
@@ -163,13 +185,11 @@ def users_of(mutant: Mutant) -> list[tuple[Path, ast.FunctionDef]]:
 
 
 def report_calls(mutants: list[Mutant], copy: Path) -> None:
-    """Make the functions of the mutants in the copy report their calls."""
+    """Make the statements of the mutants in the copy, or the functions that use their names, report that they run."""
     added: dict[Path, dict[int, str]] = {}
     for number, mutant in enumerate(mutants):
         for file, function in users_of(mutant):
-            first = function.body[0]
-            described = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and len(function.body) > 1
-            first = function.body[1] if described else first
+            first = reached_of(file, mutant.line if file == mutant.file else 0, function)
             text = file.read_text(encoding="utf-8").splitlines()[first.lineno - 1]
             if not text.encode()[: first.col_offset].strip():  # not on the line of its signature
                 decorators = getattr(first, "decorator_list", [])
@@ -244,7 +264,9 @@ def tests_of(mutant: Mutant, number: int, calls: Calls) -> list[str]:
     function = function_of(mutant)
     if function is not None:
         return called + STATED * (mutant.line < function.body[0].lineno)
-    near = sorted((name for name, (_, other) in far.items() if not other), key=lambda name: far[name])[:MOST_FILES]
+    named = {name: any(x in texts[ROOT / name] for x in names_of(mutant)) for name in far}
+    near = [name for name, (_, other) in far.items() if not other]
+    near = sorted(near, key=lambda name: (far[name][0], not named[name]))[:MOST_FILES]
     return called + STATED + near
 
 
