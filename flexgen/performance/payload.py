@@ -62,7 +62,7 @@ FRICTION_SD = 0.3  # relative, of each motor
 UNIT = 0.01  # of the mass of the robot, 1 kg at most: where the search begins, and what it takes for exact
 CENTER_SD = 1.0  # m, or the reach: of the center of mass about that of the file, for directions that no motion shows
 LEAST_LOAD = 1e-3  # of the whole payload, for that deviation
-UNKNOWN_M = 0.3  # m: a center of mass with a larger deviation is not known
+UNKNOWN = 0.3  # m, or of the reach: a center of mass with a larger deviation is not known
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
 BLOCK_S, FEWEST_BLOCKS = 0.5, 6  # of a record, each left out once; fewer tell too little about five numbers
 MOVING = 0.01  # of the largest speed: slower motors stand still
@@ -75,7 +75,8 @@ LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 class Load(Result):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
-    The load is taken for a point mass; directions that the motion does not show have a deviation of about 1 m.
+    The load is taken for a point mass; directions that the motion does not show have a deviation of about 1 m, or
+    the reach of a shorter arm: those with more than ``unknown_m`` [m] are printed as not determined.
     ``total_mass``, ``total_com``: of the load and the payload of the model file together. ``residual_Nm``: root mean
     square of the residual gear torques (n_g,), arm side. ``delay_s``: time by which torques were recorded late [s].
     ``friction`` (2, n_m): viscous and other friction of each motor over those of the model.
@@ -97,6 +98,7 @@ class Load(Result):
     residual_Nm: np.ndarray
     delay_s: float
     friction: np.ndarray
+    unknown_m: float = UNKNOWN
 
     __repr__ = short_repr
 
@@ -107,7 +109,7 @@ class Load(Result):
         if not 2 * self.mass_sd < abs(self.mass):
             return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass not determined" + friction
         com = ", ".join(
-            f"{axis} {1e3 * x:.1f} +- {1e3 * s:.1f} mm" if s < UNKNOWN_M else f"{axis} not determined"
+            f"{axis} {1e3 * x:.1f} +- {1e3 * s:.1f} mm" if s < self.unknown_m else f"{axis} not determined"
             for axis, x, s in zip("xyz", self.com, self.com_sd, strict=True)
         )
         load = f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} in the frame of the last tip"
@@ -357,7 +359,8 @@ class _Estimate:
         left = np.sqrt((r**2).sum(axis=0) / self.moving) * scale
         friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
         total = values_of(x, self.farthest)
-        return Load(float(mass), float(sd[0]), com, com_sd, float(x[0]), total[1:], left, float(x[4]), friction)
+        numbers = float(mass), float(sd[0]), com, com_sd, float(x[0]), total[1:], left, float(x[4])
+        return Load(*numbers, friction, UNKNOWN * length)
 
     def _variance(self, r: np.ndarray) -> float:
         """Of an error that is independent of the others: more than that of the samples (n, n_g), which are alike."""

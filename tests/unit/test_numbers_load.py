@@ -162,6 +162,19 @@ def test_a_direction_that_no_motion_shows_is_known_by_the_file(monkeypatch: pyte
     assert ", z not determined in the frame of the last tip" in str(load)
 
 
+@pytest.mark.parametrize("size", [0.2, 1.0])
+def test_a_direction_that_no_motion_of_a_short_arm_shows_is_not_determined(
+    size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All lengths of the arm of the test before by this size: its deviation is the reach."""
+    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02], shown=3)
+    made.of_file[-3:], made.length, made.farthest = size * made.of_file[-3:], size, 3.0 * size
+    made.slopes[:, :, 1:] /= size
+    load = made.solve()
+    assert load.com_sd[2] == pytest.approx(size, rel=1e-4) and load.com[2] == pytest.approx(0.2 * size)
+    assert str(load).count("not determined") == 1 and ", z not determined in the frame of the last tip" in str(load)
+
+
 def test_the_center_of_a_mass_that_is_nearly_zero_is_near() -> None:
     assert_allclose(payload.values_of(np.array([2.0, 0.4, -0.2, 0.0, 9.0]), 3.0), [2.0, 0.2, -0.1, 0.0])
     assert_allclose(payload.values_of(np.array([1e-6, 0.01, -0.01, 1e-6, 9.0]), 3.0), [1e-6, 3.0, -3.0, 1.0])
