@@ -17,7 +17,7 @@ import numpy as np
 from flexgen.calibration.fit import CalibrationFit, Problem
 from flexgen.errors import SolverError
 
-DRAWS = 32  # of v: the width of w to some ten percent
+DRAWS = 20  # of v: the width of w to some ten percent
 ROUNDING = 1e-4  # of the variances of normalized numbers, far above that of the inverse
 
 

@@ -13,7 +13,7 @@ gives, for a number with direct effects ``q'``, ``c'``, ``tau'``,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,7 +159,9 @@ class Statics:
             gap = c * load - deflection
             if not len(c) or np.abs(gap).max() < SETTLED:
                 break
-            matrix = np.eye(len(c)) - c[:, None] * (self._load_slopes(loads, self.rows) @ T[self.rows] + rising)
+            H = self._load_slopes(loads, self.rows)
+            H = self._moved(H, T, range(len(c)), range(len(c), len(self.rows)))
+            matrix = np.eye(len(c)) - c[:, None] * (H + rising)
             try:
                 step = np.linalg.solve(matrix, gap[..., None])[..., 0]
             except np.linalg.LinAlgError:
@@ -181,12 +183,18 @@ class Statics:
         T, N = loads.T, len(rest.q)
         F, turned = frame_rotation(numbers.frame), frame_slopes(numbers.frame)
         H = self._load_slopes(loads, np.arange(len(T)))
-        matrix = np.eye(len(c)) - c[:, None] * (H @ T + self._joint_torques(numbers, rest.q)[1])
+        stiffening = self._moved(H, T, self.elastic, self.mechanisms) + self._joint_torques(numbers, rest.q)[1]
+        matrix = np.eye(len(c)) - c[:, None] * stiffening
         out = np.zeros((len(unknowns), N, len(self.places), 3))
+        heavy = [i for i, unknown in enumerate(unknowns) if unknown.kind in ("mass", "center")]
+        weights = [self._weight_slope(numbers, rest, unknowns[i]) for i in heavy]
+        change = np.stack(weights, axis=1) @ T[self.rows] * c if heavy else None  # (N, heavy, n_E)
         for k, mount in enumerate(self.places):
             J = self.tree.point_slopes(rest.posture, mount, rest.points[:, k])
             L = np.swapaxes(np.linalg.solve(np.swapaxes(matrix, 1, 2), np.swapaxes(J @ T, 1, 2)), 1, 2)
             D = np.ascontiguousarray(np.moveaxis(F @ (J + (L * c) @ H), 2, 0))  # (n, N, 3)
+            if change is not None:
+                out[heavy, :, k] = np.swapaxes(change @ np.swapaxes(F @ L, 1, 2), 0, 1)
             L = np.ascontiguousarray(np.moveaxis(F @ L, 2, 0))
             R = F @ rest.posture.R[mount.node] @ mount.rotation
             for i, unknown in enumerate(unknowns):
@@ -200,9 +208,6 @@ class Statics:
                 elif unknown.kind == "factor":
                     on_coordinates = np.einsum("e,eNi->Ni", c * T[at[1]], L)  # the reaction of the mechanism
                     out[i, :, k] = D[at[0]] * rest.q[:, at[1], None] + on_coordinates * loads.tau[at[0]][:, None]
-                elif unknown.kind in ("mass", "center"):
-                    change = self._weight_slope(numbers, rest, unknown) @ T[self.rows]  # (N, n_E)
-                    out[i, :, k] = np.einsum("eNi,Ne->Ni", L, change * c)
                 elif unknown.kind == "frame":
                     out[i, :, k] = IDENTITY[at[0]] if at[0] < 3 else rest.points[:, k] @ turned[at[0] - 3].T
         return np.moveaxis(out, 0, 3)
@@ -255,16 +260,25 @@ class Statics:
         """``T' H`` (N, n_E, columns): slopes of the loads of the elastic coordinates in the values of some nodes."""
         carries, rows = self.tree.carries, self.rows
         a, b = np.swapaxes(loads.crossed, 0, 1), np.moveaxis(loads.shift, 0, 2)  # (N, n, 3), (N, 3, n)
-        carried = a[:, rows] @ b[:, :, columns]
-        carrying = np.swapaxes(a[:, columns] @ b[:, :, rows], 1, 2)
-        H = np.where(carries[np.ix_(rows, columns)], carried, carrying)
-        H *= carries[np.ix_(rows, columns)] | carries[np.ix_(columns, rows)].T
+        H = a[:, rows] @ b[:, :, columns]
+        carrying = np.swapaxes(H if columns is rows else a[:, columns] @ b[:, :, rows], 1, 2)
+        is_carried, carried_by = carries[np.ix_(rows, columns)], carries[np.ix_(columns, rows)].T
+        H, carrying = H * is_carried.astype(float), carrying * (carried_by & ~is_carried).astype(float)
+        H += carrying
         n = len(self.elastic)
         slopes = H[:, :n]
         for k, m in enumerate(self.mechanisms):
             for e in np.flatnonzero(loads.T[m]):
                 slopes[:, e] += loads.T[m, e] * H[:, n + k]
         return slopes
+
+    def _moved(self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]) -> np.ndarray:
+        """``H T`` (N, n_E, n_E), H in some nodes; ``elastic``, ``mechanisms``: their columns of H."""
+        out = H[:, :, list(elastic)]
+        for k, m in zip(mechanisms, self.mechanisms, strict=True):
+            for e in np.flatnonzero(T[m]):
+                out[:, :, e] += T[m, e] * H[:, :, k]
+        return out
 
     def _weight_slope(self, numbers: Numbers, rest: Rest, unknown: Unknown) -> np.ndarray:
         """Derivative (N, rows) of loads in a mass or a coordinate of a center of mass; rows: elastic, mechanisms."""
