@@ -19,12 +19,22 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from flexgen.model.elements import RobotModel
+
+MOVING = 0.01  # of the largest speed: slower motors stand still, and are not judged
 SHORTEST = 0.25  # standstill times the limit of the filter: what is shorter is a reversal
 CELLS = 8.0  # of the piecewise linear functions, in 1 / limit
 FAINT = 1e-3  # of the largest torque at standstill, which may remain
 TOGETHER = 32  # functions that are filtered at a time
 
 Filter = Callable[[np.ndarray], np.ndarray]
+
+
+def largest_of_unit(model: RobotModel, speed: np.ndarray) -> np.ndarray:
+    """Largest speed (n_m,) of motors whose joint has the same unit; ``speed`` (n, n_m) [rad/s or m/s, of the joints]."""
+    units = np.array([model.coordinates[model.i_g[i]].unit for i in np.abs(model.eta).argmax(axis=1)])
+    top = np.abs(speed).max(axis=0)
+    return np.array([top[units == unit].max() for unit in units])
 
 
 class Rests:

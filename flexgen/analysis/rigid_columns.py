@@ -24,7 +24,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from flexgen.analysis.counterbalances import held_balances
-from flexgen.analysis.rests_of_motors import Rests
+from flexgen.analysis.rests_of_motors import MOVING, Rests, largest_of_unit
 from flexgen.analysis.rigid_regressor import Motion, Regressor
 from flexgen.mechanics.statics import gear_damping, gear_deflection
 from flexgen.numerics.low_pass import LENGTH, LowPass, bandwidth
@@ -32,7 +32,6 @@ from flexgen.numerics.polynomial_filter import WINDOW, smooth_forces
 from flexgen.numerics.residual_statistics import rms
 
 COULOMB_SPEED = 5e-4  # of the largest speed: width of the Coulomb step
-MOVING = 0.01  # of the largest speed: slower samples are not judged, friction at standstill is not determined
 BAND = 5.0  # limit of the filter over the band of the motion
 SHORTEST = 4.0  # length of a record over that of the filter
 CORRELATED = 50  # samples of a whole record that share one error: the errors of a model are not white
@@ -88,9 +87,8 @@ class Columns:
         self._counterbalance = counterbalance
         self.fades = np.zeros(model.n_m)
         self._speeds = [motion.derivatives[1] @ model.eta.T / ratio for motion in motions]
-        kinds = np.array([model.coordinates[model.i_g[i]].unit for i in np.abs(model.eta).argmax(axis=1)])
-        top = self.largest_speeds()
-        self.speed = np.array([max(top[kinds == kind].max(), 1e-12) for kind in kinds]) if speed is None else speed
+        top = largest_of_unit(model, np.vstack(self._speeds))
+        self.speed = np.maximum(top, 1e-12) if speed is None else speed
         self.period = BAND / min(limit, WIDEST / step)
         self._every = every
         self.Y, self.F, self.Z, self.known, self.held = [], [], [], [], []

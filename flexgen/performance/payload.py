@@ -27,7 +27,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 from scipy.signal import butter, filtfilt
 
-from flexgen.analysis.rests_of_motors import Rests
+from flexgen.analysis.rests_of_motors import MOVING, Rests, largest_of_unit
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.gains import lowest_locked_hz
@@ -65,7 +65,6 @@ LEAST_LOAD = 1e-3  # of the whole payload, for that deviation
 UNKNOWN = 0.3  # m, or of the reach: a center of mass with a larger deviation is not known
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
 BLOCK_S, FEWEST_BLOCKS = 0.5, 6  # of a record, each left out once; fewer tell too little about five numbers
-MOVING = 0.01  # of the largest speed: slower motors stand still
 STICKS = 0.05  # of the friction at the largest speed, at that one: a motor with less has no friction at standstill
 LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 
@@ -227,10 +226,7 @@ class _Estimate:
     def _standstill(self, v_m: np.ndarray, low_pass_hz: float) -> tuple[list[Rests], float]:
         """What friction at standstill does behind the filter, for each motor, and the share of samples without it."""
         ratio = np.abs(self.robot.eta).max(axis=1)
-        units = [self.robot.coordinates[self.robot.i_g[i]].unit for i in np.abs(self.robot.eta).argmax(axis=1)]
-        speed = v_m / ratio
-        top = {unit: np.abs(speed[:, [u == unit for u in units]]).max() for unit in units}
-        most = ratio * [top[unit] for unit in units]
+        most = ratio * largest_of_unit(self.robot, v_m / ratio)
         slow, fast = (
             np.abs(evaluate(self.equations.function("motor_friction"), x[None])[0].ravel())
             for x in (MOVING * most, most)

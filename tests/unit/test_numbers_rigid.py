@@ -14,7 +14,8 @@ from scipy.interpolate import CubicSpline
 
 import flexgen
 from flexgen.analysis import rigid_model
-from flexgen.analysis.rigid_columns import COULOMB_SPEED, MOVING, Columns
+from flexgen.analysis.rests_of_motors import MOVING
+from flexgen.analysis.rigid_columns import COULOMB_SPEED, Columns
 from flexgen.analysis.rigid_regressor import Motion, Regressor
 from flexgen.errors import ArgumentError
 from flexgen.identification import motion_fit as fits
