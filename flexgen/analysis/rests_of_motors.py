@@ -31,7 +31,7 @@ Filter = Callable[[np.ndarray], np.ndarray]
 
 
 def largest_of_unit(model: RobotModel, speed: np.ndarray) -> np.ndarray:
-    """Largest speed (n_m,) of motors whose joint has the same unit; ``speed`` (n, n_m) [rad/s or m/s, of the joints]."""
+    """Largest speed (n_m,) of motors whose joint has the same unit; ``speed`` (n, n_m) [rad/s or m/s, of joints]."""
     units = np.array([model.coordinates[model.i_g[i]].unit for i in np.abs(model.eta).argmax(axis=1)])
     top = np.abs(speed).max(axis=0)
     return np.array([top[units == unit].max() for unit in units])

@@ -160,7 +160,7 @@ class Statics:
             if not len(c) or np.abs(gap).max() < SETTLED:
                 break
             H = self._load_slopes(loads, self.rows)
-            H = self._moved(H, T, range(len(c)), range(len(c), len(self.rows)))
+            H = self._of_moves(H, T, range(len(c)), range(len(c), len(self.rows)))
             matrix = np.eye(len(c)) - c[:, None] * (H + rising)
             try:
                 step = np.linalg.solve(matrix, gap[..., None])[..., 0]
@@ -183,7 +183,7 @@ class Statics:
         T, N = loads.T, len(rest.q)
         F, turned = frame_rotation(numbers.frame), frame_slopes(numbers.frame)
         H = self._load_slopes(loads, np.arange(len(T)))
-        stiffening = self._moved(H, T, self.elastic, self.mechanisms) + self._joint_torques(numbers, rest.q)[1]
+        stiffening = self._of_moves(H, T, self.elastic, self.mechanisms) + self._joint_torques(numbers, rest.q)[1]
         matrix = np.eye(len(c)) - c[:, None] * stiffening
         out = np.zeros((len(unknowns), N, len(self.places), 3))
         heavy = [i for i, unknown in enumerate(unknowns) if unknown.kind in ("mass", "center")]
@@ -272,7 +272,7 @@ class Statics:
                 slopes[:, e] += loads.T[m, e] * H[:, n + k]
         return slopes
 
-    def _moved(self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]) -> np.ndarray:
+    def _of_moves(self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]) -> np.ndarray:
         """``H T`` (N, n_E, n_E), H in some nodes; ``elastic``, ``mechanisms``: their columns of H."""
         out = H[:, :, list(elastic)]
         for k, m in zip(mechanisms, self.mechanisms, strict=True):

@@ -78,7 +78,7 @@ def test_a_search_that_runs_away_is_held_within_narrow_bounds(monkeypatch: pytes
     B, r = rng.normal(size=(5, 3, 3)), rng.normal(size=(5, 3))
     asked: list[np.ndarray] = []
 
-    def minimize(value: Any, start: np.ndarray, *, jac: bool, method: str, bounds: Any) -> OptimizeResult:
+    def minimize(value: Any, start: np.ndarray, *, jac: bool, method: str, bounds: Any, options: Any) -> OptimizeResult:
         asked.append(np.array(bounds) - start[:, None])
         assert jac and start[0] == pytest.approx(np.log((r**2).mean()))
         assert_allclose(start[1:], 2 * np.log(components.START_TILT))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from flexgen.analysis.rests_of_motors import Rests
 from flexgen.errors import SolverError
 from flexgen.performance import payload
 
@@ -22,7 +23,8 @@ def estimate(
     """Two motors; the payload of the file has a mass of ``own``, the torques are those of ``true`` and a delay."""
     rng = np.random.default_rng(8)
     made: Any = object.__new__(payload._Estimate)
-    made.robot = Made(n_a=3, i_g=(0, 2), name="arm")
+    made.robot, made.to_arm = Made(n_a=3, i_g=(0, 2), name="arm", eta=np.eye(2)), np.eye(2)
+    made._rests, made.moving = [Rests(np.ones(SAMPLES), 0.0, 0.1, lambda x: x, 1, 1, 10)] * 2, 60
     made.of_file = np.array([7.0, own, 0.1, -0.05, 0.2])
     made.kept, made.h, made.effective, made.farthest = KEPT, 0.01, 30.0, 3.0
     made.length, made.unit, made.block = 1.0, 1.0, 0.5
