@@ -156,7 +156,7 @@ class _Study:
 
     def _whitening(self, statics: Statics, found: CalibrationFit, tilt: Tilt, valid: np.ndarray) -> np.ndarray:
         numbers = Numbers.of(statics.tree, self.unknowns, found.x)
-        return whitening_of(tilt, tilt_slopes(statics, numbers, found.rest, tilt.element), valid)
+        return whitening_of(tilt, tilt_slopes(statics, numbers, found.rest, [tilt.element])[0], valid)
 
     def cross_validate(
         self, whole: CalibrationFit, tilt: Tilt | None, folds: int, tell: Callable[[str], None] | None

@@ -11,6 +11,7 @@ Source: S. R. Searle, G. Casella, C. E. McCulloch, Variance Components, 1992, ch
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,11 +63,12 @@ class Tilt(Result):
     __repr__ = short_repr
 
 
-def tilt_slopes(statics: Statics, numbers: Numbers, rest: Rest, element: str) -> np.ndarray:
-    """``B`` (N, 3 k, 3)."""
-    index = statics.tree.index
-    turns = [Unknown(name, "rad", "node", (index[name],), 0.0, 1.0) for name in _turns(element)]
-    return statics.slopes(numbers, rest, turns).reshape(len(rest.q), -1, 3)
+def tilt_slopes(statics: Statics, numbers: Numbers, rest: Rest, elements: Sequence[str]) -> list[np.ndarray]:
+    """``B`` (N, 3 k, 3) of each element."""
+    names = [f"{element}.{shift}" for element in elements for shift in SHIFTS[3:]]
+    turns = [Unknown(name, "rad", "node", (statics.tree.index[name],), 0.0, 1.0) for name in names]
+    slopes = np.split(statics.slopes(numbers, rest, turns), len(elements), axis=3)
+    return [each.reshape(len(rest.q), -1, 3) for each in slopes]
 
 
 def whitening_of(tilt: Tilt, B: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -96,7 +98,8 @@ def find_tilt(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarr
     r = (rest.measured - measured)[complete].reshape(int(complete.sum()), -1)
     if np.abs(r).max() < QUIET:
         return None
-    found = [(_likelihood(r, tilt_slopes(statics, numbers, rest, name)[complete]), name) for name in shared]
+    slopes = tilt_slopes(statics, numbers, rest, shared)
+    found = [(_likelihood(r, B[complete]), name) for B, name in zip(slopes, shared, strict=True)]
     (least, x), name = min(found, key=lambda one: one[0][0])
     alone = 0.5 * r.size * (np.log((r**2).mean()) + 1.0)
     if alone - least < gammainccinv(1.5, CHANCE / len(shared)):  # half of the chi-squared number
@@ -150,16 +153,12 @@ def _likelihood(r: np.ndarray, B: np.ndarray) -> tuple[float, np.ndarray]:
         return search(12.0, 4.0)
 
 
-def _turns(element: str) -> list[str]:
-    return [f"{element}.{shift}" for shift in SHIFTS[3:]]
-
-
 def seen_others(statics: Statics, numbers: Numbers, rest: Rest, measured: np.ndarray, tilt: Tilt) -> np.ndarray:
     """Lengths (N, k) [m] of the errors that remain at each tracker when the others are seen; nan where one is not."""
     gap = rest.measured - measured
     lengths = np.full(gap.shape[:2], np.nan)
     complete = np.isfinite(gap).all(axis=(1, 2))
     if complete.any() and len(trackers_of(statics.model)) > 1:
-        B = tilt_slopes(statics, numbers, rest, tilt.element)[complete]
+        B = tilt_slopes(statics, numbers, rest, [tilt.element])[0][complete]
         lengths[complete] = np.linalg.norm(predict_others(tilt, B, gap[complete]), axis=2)
     return lengths

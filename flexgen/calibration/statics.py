@@ -23,6 +23,7 @@ from flexgen.calibration.tree import IDENTITY, Posture, Tree, rotations
 from flexgen.errors import SolverError
 
 NEWTON_STEPS = 20
+TOGETHER = 32  # poses whose slopes are computed at a time, in the cache of a processor
 SETTLED = 1e-9  # rad or m: largest difference of a deflection from load times compliance
 
 
@@ -258,18 +259,21 @@ class Statics:
 
     def _load_slopes(self, loads: Loads, columns: np.ndarray) -> np.ndarray:
         """``T' H`` (N, n_E, columns): slopes of the loads of the elastic coordinates in the values of some nodes."""
-        carries, rows = self.tree.carries, self.rows
-        a, b = np.swapaxes(loads.crossed, 0, 1), np.moveaxis(loads.shift, 0, 2)  # (N, n, 3), (N, 3, n)
-        H = a[:, rows] @ b[:, :, columns]
-        carrying = np.swapaxes(H if columns is rows else a[:, columns] @ b[:, :, rows], 1, 2)
+        carries, rows, n = self.tree.carries, self.rows, len(self.elastic)
         is_carried, carried_by = carries[np.ix_(rows, columns)], carries[np.ix_(columns, rows)].T
-        H, carrying = H * is_carried.astype(float), carrying * (carried_by & ~is_carried).astype(float)
-        H += carrying
-        n = len(self.elastic)
-        slopes = H[:, :n]
-        for k, m in enumerate(self.mechanisms):
-            for e in np.flatnonzero(loads.T[m]):
-                slopes[:, e] += loads.T[m, e] * H[:, n + k]
+        below, above = is_carried.astype(float), (carried_by & ~is_carried).astype(float)
+        a, b = np.swapaxes(loads.crossed, 0, 1), np.moveaxis(loads.shift, 0, 2)  # (N, n, 3), (N, 3, n)
+        slopes = np.empty((len(a), n, len(columns)))
+        for first in range(0, len(a), TOGETHER):
+            some = slice(first, first + TOGETHER)
+            H = a[some][:, rows] @ b[some][:, :, columns]
+            carrying = np.swapaxes(H if columns is rows else a[some][:, columns] @ b[some][:, :, rows], 1, 2)
+            H, carrying = H * below, carrying * above
+            H += carrying
+            slopes[some] = H[:, :n]
+            for k, m in enumerate(self.mechanisms):
+                for e in np.flatnonzero(loads.T[m]):
+                    slopes[some, e] += loads.T[m, e] * H[:, n + k]
         return slopes
 
     def _of_moves(self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]) -> np.ndarray:

@@ -264,7 +264,7 @@ def test_a_tilt_from_pose_to_pose_is_found() -> None:
     rest = statics.rest(numbers)
     rng = np.random.default_rng(5)
     tilts = np.array([1e-3, 2e-3, 0.0])
-    B = components.tilt_slopes(statics, numbers, rest, "chest")
+    B = components.tilt_slopes(statics, numbers, rest, ["chest"])[0]
     shift = (B @ (tilts * rng.normal(size=(150, 3)))[..., None]).reshape(150, 2, 3)
     seen = rest.measured + shift + 3e-4 * rng.normal(size=shift.shape)
     found = components.find_tilt(statics, numbers, rest, seen, np.ones(150, bool))
@@ -289,7 +289,7 @@ def test_independent_errors_are_not_taken_for_a_tilt() -> None:
         rest = statics.rest(numbers)
         rng = np.random.default_rng(seed)
         noise = 3e-4 * rng.normal(size=rest.measured.shape)
-        B = components.tilt_slopes(statics, numbers, rest, "body2")
+        B = components.tilt_slopes(statics, numbers, rest, ["body2"])[0]
         turned = (B @ (6e-4 * rng.normal(size=(len(B), 3)))[..., None]).reshape(noise.shape)
         usable = np.ones(len(B), bool)
         named += components.find_tilt(statics, numbers, rest, rest.measured + noise, usable) is not None
