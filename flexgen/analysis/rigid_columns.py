@@ -95,7 +95,7 @@ class Columns:
         self.measured = self.recorded
         moving = [np.abs(v) > MOVING * self.speed for v in self._speeds]
         self.moving = [x[::every] for x in moving]
-        self._moves = np.vstack(moving).any(axis=0)  # a motor that never moves has no friction
+        self._moves = np.vstack(moving).any(axis=0)  # torques of motors that never do are kept
         self._rests: dict[float, list[list[Rests]]] = {}
         for motion, (q, v, a) in zip(motions, self.states, strict=True):
             self.Y.append(self.motor_side(regressor(q, v, a)))
