@@ -8,7 +8,12 @@ functions of time over each standstill; B is what they are in the samples y = X 
 the numbers theta are found without s: the ridge r is small, and R is the same for all terms. To leave out the samples
 at standstill would not do: the filter carries the jump of the friction into samples that move.
 
-Source: R. Frisch and F. Waugh, Econometrica 1(4), 1933 (least squares with some of the unknowns eliminated).
+Where a motor reverses, its friction turns from -F to F within a distance d (pre-sliding): after a travel x,
+2 F exp(-x/d) is missing, which is an impulse 2 F (pi d / (2 |a|))^(1/2) for the acceleration a. One unknown more has
+those of all reversals.
+
+Source: R. Frisch and F. Waugh, Econometrica 1(4), 1933 (least squares with some of the unknowns eliminated); C. Canudas
+de Wit et al., IEEE TAC 40(3), 1995 (pre-sliding).
 """
 
 from __future__ import annotations
