@@ -187,7 +187,7 @@ def fit(
         slopes = problem.slopes(x, rest, gap, scale)
         matrix = slopes.A + np.diag(problem.precision)
         before = problem.objective(x, gap, scale)
-        after = np.inf
+        after, given = np.inf, damping
         while damping < MOST_DAMPING:
             damped = matrix + damping * np.diag(np.diag(matrix))
             try:
@@ -204,7 +204,8 @@ def fit(
             converged = True  # no step along the slope lowers the objective: rounding
             break
         step = there - x
-        straight = before - after > AS_PLANNED * -(2.0 * slopes.whole @ step + step @ matrix @ step)
+        planned = -(2.0 * slopes.whole @ step + step @ matrix @ step)
+        straight = damping == given and before - after > AS_PLANNED * planned
         x, (rest, gap, lengths), damping = there, trial, max(damping / 10.0, LEAST_DAMPING)
         if before - after < SMALL_GAIN * before + LEAST_GAIN:
             converged = True
