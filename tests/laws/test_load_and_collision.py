@@ -65,7 +65,7 @@ def test_no_load_is_found_in_noise():
 
 
 def test_friction_at_standstill_is_not_taken_for_a_load():
-    """Moves from pose to pose; with the friction of the file at rest, which is zero, masses were 1 to 2 kg off."""
+    """Moves from pose to pose; with the friction of the file at rest, which is zero, masses were 0.1 to 0.6 kg off."""
     model, friction = flexgen.read("elbow@rigid"), np.array([[0.8, 1.0], [0.5, 0.4]])
     laws = {
         f"motor.{motor.name}.friction": {"viscous": float(v / r), "coulomb": float(c), "beta": 2.0}
