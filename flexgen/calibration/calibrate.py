@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from flexgen.calibration.accuracy import Accuracy, accuracy_of
 from flexgen.calibration.components import Tilt, find_tilt, seen_others, tilt_slopes, whitening_of
-from flexgen.calibration.curvature import with_curvature
-from flexgen.calibration.fit import CalibrationFit, Problem, fit
+from flexgen.calibration.fit import Minimum, Problem, fit
 from flexgen.calibration.mistakes import DOUBTFUL, find_start
 from flexgen.calibration.parameters import GROUPS, Priors, Unknown, trackers_of, unknowns_of
 from flexgen.calibration.poses import StaticPoses
@@ -110,7 +110,7 @@ def calibrate(
     frames = unknowns_of(tree, (), place, priors or Priors())
     known = dict(zip((u.name for u in frames), _start(frames, found), strict=True))
     before = fit(Problem(study.statics, data.positions, frames, robust), np.array(list(known.values())))
-    result, tilt = study.fit(np.array([known.get(u.name, u.start) for u in unknowns]), tell)
+    result, accuracy, tilt = study.fit(np.array([known.get(u.name, u.start) for u in unknowns]), tell)
     held_out, seen = study.cross_validate(result, tilt, folds, tell) if folds else (None, None)
     stiff = study.statics.rest(Numbers.of(tree, unknowns, result.x), rigid=True)
     return Calibration(
@@ -118,7 +118,7 @@ def calibrate(
         data,
         tuple(unknowns),
         result.x,
-        result.covariance,
+        accuracy.covariance,
         before.errors,
         result.errors,
         held_out,
@@ -126,7 +126,7 @@ def calibrate(
         np.linalg.norm(result.rest.points - stiff.points, axis=2),
         tilt,
         result.converged,
-        _warn_unexplained(result, data.positions) + _warnings(unknowns, result, held_out),
+        _warn_unexplained(result, data.positions) + _warnings(unknowns, result, accuracy.pull, held_out),
     )
 
 
@@ -137,29 +137,29 @@ class _Study:
         self.statics, self.measured, self.unknowns, self.robust = statics, measured, unknowns, robust
         self.valid = np.isfinite(measured).all(axis=2)
 
-    def fit(self, start: np.ndarray, tell: Callable[[str], None] | None) -> tuple[CalibrationFit, Tilt | None]:
+    def fit(self, start: np.ndarray, tell: Callable[[str], None] | None) -> tuple[Minimum, Accuracy, Tilt | None]:
         """Each point by itself first; then, where trackers share a tilt, with the covariance of each pose."""
         statics, measured, unknowns = self.statics, self.measured, self.unknowns
         problem = Problem(statics, measured, unknowns, self.robust)
         found = fit(problem, start, progress=tell)
         tilt = self._tilt(found)
         if tilt is None:
-            return with_curvature(problem, found), None
+            return found, accuracy_of(problem, found), None
         problem = Problem(statics, measured, unknowns, self.robust, self._whitening(statics, found, tilt, self.valid))
         found = fit(problem, found.x, found.rest.deflection, tell)
-        return with_curvature(problem, found), self._tilt(found)
+        return found, accuracy_of(problem, found), self._tilt(found)
 
-    def _tilt(self, found: CalibrationFit) -> Tilt | None:
+    def _tilt(self, found: Minimum) -> Tilt | None:
         gross = (np.nan_to_num(found.errors) > GROSS * found.scale).any(axis=1)
         numbers = Numbers.of(self.statics.tree, self.unknowns, found.x)
         return find_tilt(self.statics, numbers, found.rest, self.measured, ~gross)
 
-    def _whitening(self, statics: Statics, found: CalibrationFit, tilt: Tilt, valid: np.ndarray) -> np.ndarray:
+    def _whitening(self, statics: Statics, found: Minimum, tilt: Tilt, valid: np.ndarray) -> np.ndarray:
         numbers = Numbers.of(statics.tree, self.unknowns, found.x)
         return whitening_of(tilt, tilt_slopes(statics, numbers, found.rest, [tilt.element])[0], valid)
 
     def cross_validate(
-        self, whole: CalibrationFit, tilt: Tilt | None, folds: int, tell: Callable[[str], None] | None
+        self, whole: Minimum, tilt: Tilt | None, folds: int, tell: Callable[[str], None] | None
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """Errors on poses that were left out, alone and with the other trackers of the pose seen."""
         order = np.random.default_rng(0).permutation(len(self.measured))
@@ -204,7 +204,7 @@ def _start(unknowns: Sequence[Unknown], found: Numbers) -> np.ndarray:
     return np.array([arrays[u.kind][u.at if len(u.at) > 1 else u.at[0]] for u in unknowns])
 
 
-def _warn_unexplained(found: CalibrationFit, measured: np.ndarray) -> tuple[str, ...]:
+def _warn_unexplained(found: Minimum, measured: np.ndarray) -> tuple[str, ...]:
     """The part of the motion that the calibrated model does not explain, where that is more than a tenth."""
     distance = np.linalg.norm(measured - np.nanmean(measured, axis=0), axis=2)
     part = float(np.nanmedian(found.errors) / max(np.nanmedian(distance), 1e-9))
@@ -216,10 +216,12 @@ def _warn_unexplained(found: CalibrationFit, measured: np.ndarray) -> tuple[str,
     )
 
 
-def _warnings(unknowns: Sequence[Unknown], found: CalibrationFit, held_out: np.ndarray | None) -> tuple[str, ...]:
+def _warnings(
+    unknowns: Sequence[Unknown], found: Minimum, pulls: np.ndarray, held_out: np.ndarray | None
+) -> tuple[str, ...]:
     """What a user has to know before he trusts the numbers."""
     out = []
-    wrong = [u.name.removesuffix(".compliance") for u, pull in zip(unknowns, found.pull, strict=True) if pull < PULL]
+    wrong = [u.name.removesuffix(".compliance") for u, pull in zip(unknowns, pulls, strict=True) if pull < PULL]
     if wrong:
         out.append(
             f"the measurements ask for a negative compliance of {', '.join(wrong)}: a mechanism, a spring below it or "

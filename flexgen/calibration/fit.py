@@ -35,18 +35,13 @@ LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of
 
 
 @dataclass(frozen=True)
-class CalibrationFit:
-    """A minimum.
-
-    ``x`` (p,), ``rest``, ``errors`` (N, k) [m]; ``covariance`` (p, p): of ``x``, zero for numbers at a bound; ``pull``
-    (p,): where these would be without it, in standard deviations from it; ``scale`` [m]; ``converged``.
-    """
+class Minimum:
+    """``x`` (p,), ``rest``, ``gap`` (N, k, 3), ``errors`` (N, k) [m], ``scale`` [m]; ``converged``: it is one."""
 
     x: np.ndarray
     rest: Rest
+    gap: np.ndarray
     errors: np.ndarray
-    covariance: np.ndarray
-    pull: np.ndarray
     scale: float
     converged: bool
 
@@ -169,7 +164,7 @@ def fit(
     start: np.ndarray,
     deflection: np.ndarray | None = None,
     progress: Callable[[str], None] | None = None,
-) -> CalibrationFit:
+) -> Minimum:
     """Minimize the objective from the values ``start`` (p,); ``deflection`` (N, n_E): where equilibria are searched.
 
     Raises
@@ -210,7 +205,8 @@ def fit(
         if before - after < SMALL_GAIN * before + LEAST_GAIN:
             converged = True
             break
-    return _accuracy(problem, x, rest, gap, lengths, converged)
+    errors = np.where(problem.valid, lengths, np.nan)
+    return Minimum(x, rest, gap, errors, problem.scale(lengths), converged)
 
 
 def _bent_step(
@@ -244,27 +240,3 @@ def _bounded_step(matrix: np.ndarray, slope: np.ndarray, least: np.ndarray) -> n
             break
         held[np.argmin(np.where(released, force, np.inf))] = False
     return np.maximum(step, least)
-
-
-def _accuracy(
-    problem: Problem, x: np.ndarray, rest: Rest, gap: np.ndarray, lengths: np.ndarray, converged: bool
-) -> CalibrationFit:
-    """The covariance at a minimum from the slopes g of single poses, with priors: ``H^-1 (sum g g' + P) H^-1``.
-
-    The errors of one pose may depend on each other: its trackers share what deflects below them. They are those in a
-    fit without the pose, since the fit makes them small where one pose determines a number.
-    """
-    scale = problem.scale(lengths)
-    slopes = problem.slopes(x, rest, gap, scale)
-    matrix = problem.curvature(slopes)
-    free = (x > problem.lower) | (slopes.whole < 0)
-    inner = np.ix_(free, free)
-    inverse = np.linalg.inv(matrix[inner])
-    g = slopes.leave_out_each(free, inverse)
-    covariance = np.zeros(matrix.shape)
-    covariance[inner] = inverse @ (g.T @ g + np.diag(problem.precision[free])) @ inverse
-    everything = np.linalg.inv(matrix)
-    beyond = -everything @ slopes.whole
-    sd = np.sqrt(np.maximum(np.diag(everything), 1e-300))
-    pull = np.where(free, 0.0, beyond / sd)
-    return CalibrationFit(x, rest, np.where(problem.valid, lengths, np.nan), covariance, pull, scale, converged)

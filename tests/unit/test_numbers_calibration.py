@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 import flexgen
 from flexgen.calibration import calibrate, mistakes
 from flexgen.calibration import fit as fits
+from flexgen.calibration.accuracy import accuracy_of
 from flexgen.calibration.fit import Problem, Slopes, fit
 from flexgen.calibration.parameters import GROUPS, Priors, Unknown, unknowns_of
 from flexgen.calibration.statics import Numbers, Statics, frame_rotation, frame_slopes
@@ -208,17 +209,18 @@ def test_warnings_of_a_calibration() -> None:
     errors = np.full((30, 2), 1e-3)
 
     def found(**more: Any) -> Any:
-        fields = {"pull": np.zeros(3), "errors": errors, "scale": 1e-3, "converged": True}
+        fields = {"errors": errors, "scale": 1e-3, "converged": True}
         return SimpleNamespace(**(fields | more))
 
-    assert calibrate._warnings(unknowns, found(), None) == ()
-    assert calibrate._warnings(unknowns, found(), np.full((30, 2), 0.99e-3 * calibrate.MANY)) == ()
+    none = np.zeros(3)
+    assert calibrate._warnings(unknowns, found(), none, None) == ()
+    assert calibrate._warnings(unknowns, found(), none, np.full((30, 2), 0.99e-3 * calibrate.MANY)) == ()
     pull = np.array([1.01 * calibrate.PULL, 0.99 * calibrate.PULL, 0.0])
-    (text,) = calibrate._warnings(unknowns, found(pull=pull), None)
+    (text,) = calibrate._warnings(unknowns, found(), pull, None)
     assert text.startswith("the measurements ask for a negative compliance of q1: a mechanism, a spring below it or ")
     held = np.full((30, 2), 2e-3 * calibrate.MANY)
     held[3] = np.nan
-    (text,) = calibrate._warnings(unknowns, found(), held)
+    (text,) = calibrate._warnings(unknowns, found(), none, held)
     assert text.startswith(
         f"the mean error on poses that were not fitted is {2 * calibrate.MANY:.2g} times that of the"
     )
@@ -226,13 +228,13 @@ def test_warnings_of_a_calibration() -> None:
     gross[4, 1], gross[7, 0], gross[9, 0] = 1.01e-3 * calibrate.GROSS, 0.99e-3 * calibrate.GROSS, np.nan
     size = f"{calibrate.GROSS:.3g}"
     expected = (f"1 poses have an error above {size} mm: rows 5 of the poses",)
-    assert calibrate._warnings(unknowns, found(errors=gross), None) == expected
+    assert calibrate._warnings(unknowns, found(errors=gross), none, None) == expected
     gross[:11] = 1.0
-    (text,) = calibrate._warnings(unknowns, found(errors=gross), None)
+    (text,) = calibrate._warnings(unknowns, found(errors=gross), none, None)
     assert text.endswith("rows 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ... of the poses") and text.startswith("11 poses")
     gross[10] = 0.0
-    assert calibrate._warnings(unknowns, found(errors=gross), None)[0].endswith("9, 10 of the poses")
-    assert calibrate._warnings(unknowns, found(converged=False), None) == ("the search did not end at a minimum",)
+    assert calibrate._warnings(unknowns, found(errors=gross), none, None)[0].endswith("9, 10 of the poses")
+    assert calibrate._warnings(unknowns, found(converged=False), none, None) == ("the search did not end at a minimum",)
 
 
 @pytest.mark.parametrize(
@@ -349,12 +351,13 @@ def test_a_fit_minimizes_its_documented_objective(case: str) -> None:
     assert np.isnan(found.errors[4, 1]) and found.errors[seen] == pytest.approx(lengths[seen])
     mean = 1e3 * np.sqrt((gaps(start) ** 2).sum(axis=2))[seen].mean()
     assert told[0] == f"step 0: mean error {mean:.3f} mm" and len(told) < 12
-    assert not found.covariance[0].any() and not found.covariance[:, 0].any() and not found.pull[1:].any()
+    sure = accuracy_of(problem, found)
+    assert not sure.covariance[0].any() and not sure.covariance[:, 0].any() and not sure.pull[1:].any()
     if case == "least squares":  # the objective is quadratic: where the compliance would be without a bound
         H = np.einsum("nkai,nkaj->ij", slopes * seen[..., None, None], slopes) / found.scale**2 + np.diag(sd**-2.0)
         right = np.einsum("nkai,nka->i", slopes, problem.measured * seen[..., None]) / found.scale**2 + sd**-2.0 * start
         inverse = np.linalg.inv(H)
-        assert_allclose(found.pull[0], ((inverse @ right)[0] - 1e-4) / np.sqrt(inverse[0, 0]), rtol=1e-3)
+        assert_allclose(sure.pull[0], ((inverse @ right)[0] - 1e-4) / np.sqrt(inverse[0, 0]), rtol=1e-3)
 
 
 def test_a_fit_that_ends_early_has_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
