@@ -23,7 +23,7 @@ from flexgen.calibration.tree import IDENTITY, Posture, Tree, rotations
 from flexgen.errors import SolverError
 
 NEWTON_STEPS = 20
-TOGETHER = 32  # poses whose slopes are computed at a time, in the cache of a processor
+TOGETHER = 32  # poses that are computed at a time, in the cache of a processor
 SETTLED = 1e-9  # rad or m: largest difference of a deflection from load times compliance
 
 
@@ -160,13 +160,15 @@ class Statics:
             gap = c * load - deflection
             if not len(c) or np.abs(gap).max() < SETTLED:
                 break
-            H = self._load_slopes(loads, self.rows)
-            H = self._of_moves(H, T, range(len(c)), range(len(c), len(self.rows)))
-            matrix = np.eye(len(c)) - c[:, None] * (H + rising)
-            try:
-                step = np.linalg.solve(matrix, gap[..., None])[..., 0]
-            except np.linalg.LinAlgError:
-                step = np.full_like(gap, np.nan)
+            step = np.full_like(gap, np.nan)
+            for some in _parts(len(q)):
+                H = self._load_slopes(loads, self.rows, some)
+                H = self._of_moves(H, T, range(len(c)), range(len(c), len(self.rows)))
+                matrix = np.eye(len(c)) - c[:, None] * (H + rising[some])
+                try:
+                    step[some] = np.linalg.solve(matrix, gap[some][..., None])[..., 0]
+                except np.linalg.LinAlgError:
+                    break
             if not np.abs(step).max() < 1.0:
                 raise SolverError("calibration: a pose has no static equilibrium, the springs do not carry the arm")
             deflection = deflection + step
@@ -181,37 +183,44 @@ class Statics:
         """Derivatives (N, k, 3, p) of the measured positions in the unknowns, at a rest of the same numbers."""
         loads, c = rest.loads, numbers.compliances
         assert loads is not None  # of a rest that is not rigid
-        T, N = loads.T, len(rest.q)
-        F, turned = frame_rotation(numbers.frame), frame_slopes(numbers.frame)
-        H = self._load_slopes(loads, np.arange(len(T)))
-        stiffening = self._of_moves(H, T, self.elastic, self.mechanisms) + self._joint_torques(numbers, rest.q)[1]
-        matrix = np.eye(len(c)) - c[:, None] * stiffening
-        out = np.zeros((len(unknowns), N, len(self.places), 3))
-        heavy = [i for i, unknown in enumerate(unknowns) if unknown.kind in ("mass", "center")]
-        weights = [self._weight_slope(numbers, rest, unknowns[i]) for i in heavy]
-        change = np.stack(weights, axis=1) @ T[self.rows] * c if heavy else None  # (N, heavy, n_E)
-        for k, mount in enumerate(self.places):
-            J = self.tree.point_slopes(rest.posture, mount, rest.points[:, k])
-            L = np.swapaxes(np.linalg.solve(np.swapaxes(matrix, 1, 2), np.swapaxes(J @ T, 1, 2)), 1, 2)
-            D = np.ascontiguousarray(np.moveaxis(F @ (J + (L * c) @ H), 2, 0))  # (n, N, 3)
-            if change is not None:
-                out[heavy, :, k] = np.swapaxes(change @ np.swapaxes(F @ L, 1, 2), 0, 1)
-            L = np.ascontiguousarray(np.moveaxis(F @ L, 2, 0))
-            R = F @ rest.posture.R[mount.node] @ mount.rotation
-            for i, unknown in enumerate(unknowns):
-                at = unknown.at
-                if unknown.kind == "node":
-                    out[i, :, k] = D[at[0]] + sum(f * D[m] for (m, on), f in numbers.factors.items() if on == at[0])
-                elif unknown.kind == "compliance":
-                    out[i, :, k] = L[at[0]] * rest.load[:, at[0], None]
-                elif unknown.kind == "tracker" and at[0] == k:
-                    out[i, :, k] = R[:, :, at[1]]
-                elif unknown.kind == "factor":
-                    on_coordinates = np.einsum("e,eNi->Ni", c * T[at[1]], L)  # the reaction of the mechanism
-                    out[i, :, k] = D[at[0]] * rest.q[:, at[1], None] + on_coordinates * loads.tau[at[0]][:, None]
-                elif unknown.kind == "frame":
-                    out[i, :, k] = IDENTITY[at[0]] if at[0] < 3 else rest.points[:, k] @ turned[at[0] - 3].T
-        return np.moveaxis(out, 0, 3)
+        at = np.array([unknown.at[0] for unknown in unknowns], int)
+        nodes, springs, mechanisms, frame, masses, centers = (
+            [i for i, unknown in enumerate(unknowns) if unknown.kind == kind]
+            for kind in ("node", "compliance", "factor", "frame", "mass", "center")
+        )
+        heavy = masses + centers
+        T, every, rising = loads.T, np.arange(len(self.tree.nodes)), self._joint_torques(numbers, rest.q)[1]
+        weights = np.swapaxes(self._weight_slopes(numbers, rest, [unknowns[i] for i in heavy]), 1, 2)
+        change = c * self._of_moves(weights, T, range(len(c)), range(len(c), len(self.rows)))
+        places = [(mount, rest.points[:, k]) for k, mount in enumerate(self.places)]
+        J = np.concatenate([self.tree.point_slopes(rest.posture, mount, point) for mount, point in places], axis=1)
+        out = np.zeros((len(rest.q), len(places), 3, len(unknowns)))  # in the world, until the end
+        for some in _parts(len(out)):
+            H = self._load_slopes(loads, every, some)
+            matrix = np.eye(len(c)) - c[:, None] * (self._of_moves(H, T, self.elastic, self.mechanisms) + rising[some])
+            moved = self._of_moves(J[some], T, self.elastic, self.mechanisms)
+            L = np.swapaxes(np.linalg.solve(np.swapaxes(matrix, 1, 2), np.swapaxes(moved, 1, 2)), 1, 2)
+            D = J[some] + (L * c) @ H
+            part = out[some].reshape(len(D), -1, len(unknowns))
+            part[:, :, nodes] = D[:, :, at[nodes]]
+            for (m, on), f in numbers.factors.items():
+                part[:, :, [i for i in nodes if at[i] == on]] += f * D[:, :, m, None]
+            part[:, :, springs] = L[:, :, at[springs]] * rest.load[some][:, None, at[springs]]
+            part[:, :, heavy] = L @ np.swapaxes(change[some], 1, 2)
+            for i in mechanisms:
+                m, on = unknowns[i].at
+                reaction = (L @ (c * T[on])) * loads.tau[m, some, None]
+                part[:, :, i] = D[:, :, m] * rest.q[some, on, None] + reaction
+        for i, unknown in enumerate(unknowns):
+            if unknown.kind == "tracker":
+                k, axis = unknown.at
+                mount = self.places[k]
+                out[:, k, :, i] = (rest.posture.R[mount.node] @ mount.rotation)[:, :, axis]
+        out = frame_rotation(numbers.frame) @ out
+        turned = frame_slopes(numbers.frame)
+        for i in frame:
+            out[..., i] = IDENTITY[at[i]] if at[i] < 3 else rest.points @ turned[at[i] - 3].T
+        return out
 
     def _moves(self, numbers: Numbers) -> np.ndarray:
         """``T`` (n, n_E): the nodes that each elastic coordinate moves, through mechanisms too."""
@@ -257,23 +266,22 @@ class Statics:
         crossed = np.where(sliding, 0.0, np.cross(g, posture.z))
         return Loads(shift @ g, T, crossed, shift, centers)
 
-    def _load_slopes(self, loads: Loads, columns: np.ndarray) -> np.ndarray:
-        """``T' H`` (N, n_E, columns): slopes of the loads of the elastic coordinates in the values of some nodes."""
+    def _load_slopes(self, loads: Loads, columns: np.ndarray, some: slice) -> np.ndarray:
+        """``T' H`` (poses, n_E, columns): slopes of the loads of the elastic coordinates in the values of nodes."""
         carries, rows, n = self.tree.carries, self.rows, len(self.elastic)
         is_carried, carried_by = carries[np.ix_(rows, columns)], carries[np.ix_(columns, rows)].T
-        below, above = is_carried.astype(float), (carried_by & ~is_carried).astype(float)
-        a, b = np.swapaxes(loads.crossed, 0, 1), np.moveaxis(loads.shift, 0, 2)  # (N, n, 3), (N, 3, n)
-        slopes = np.empty((len(a), n, len(columns)))
-        for first in range(0, len(a), TOGETHER):
-            some = slice(first, first + TOGETHER)
-            H = a[some][:, rows] @ b[some][:, :, columns]
-            carrying = np.swapaxes(H if columns is rows else a[some][:, columns] @ b[some][:, :, rows], 1, 2)
-            H, carrying = H * below, carrying * above
-            H += carrying
-            slopes[some] = H[:, :n]
-            for k, m in enumerate(self.mechanisms):
-                for e in np.flatnonzero(loads.T[m]):
-                    slopes[some, e] += loads.T[m, e] * H[:, n + k]
+        a, b = (
+            np.swapaxes(loads.crossed[:, some], 0, 1),
+            np.moveaxis(loads.shift[:, some], 0, 2),
+        )  # (., n, 3), (., 3, n)
+        H = a[:, rows] @ b[:, :, columns]
+        carrying = np.swapaxes(H if columns is rows else a[:, columns] @ b[:, :, rows], 1, 2)
+        H, carrying = H * is_carried.astype(float), carrying * (carried_by & ~is_carried).astype(float)
+        H += carrying
+        slopes = H[:, :n]
+        for k, m in enumerate(self.mechanisms):
+            for e in np.flatnonzero(loads.T[m]):
+                slopes[:, e] += loads.T[m, e] * H[:, n + k]
         return slopes
 
     def _of_moves(self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]) -> np.ndarray:
@@ -284,18 +292,29 @@ class Statics:
                 out[:, :, e] += T[m, e] * H[:, :, k]
         return out
 
-    def _weight_slope(self, numbers: Numbers, rest: Rest, unknown: Unknown) -> np.ndarray:
-        """Derivative (N, rows) of loads in a mass or a coordinate of a center of mass; rows: elastic, mechanisms."""
-        body, rows = unknown.at[0], self.rows
-        mount, loads, at = self.tree.bodies[body][1], rest.loads, rest.posture
+    def _weight_slopes(self, numbers: Numbers, rest: Rest, unknowns: Sequence[Unknown]) -> np.ndarray:
+        """Derivatives (N, rows, p) of loads in masses and coordinates of centers of mass; rows: elastic, mechanisms."""
+        rows, loads, at = self.rows, rest.loads, rest.posture
         assert loads is not None
-        if unknown.kind == "mass":
-            slope = np.einsum("aNi,aNi->Na", loads.crossed[rows], loads.centers[body] - at.o[rows])
-            slope += np.where(self.slides[rows], (at.z[rows] @ self.gravity).T, 0.0)
-        else:
-            direction = at.R[mount.node] @ mount.rotation[:, unknown.at[1]]
-            slope = numbers.masses[body] * np.einsum("aNi,Ni->Na", loads.crossed[rows], direction)
-        return slope * self.tree.carries[rows, mount.node]
+        held = self.held[[unknown.at[0] for unknown in unknowns]]
+        arms = np.empty((len(rest.q), 3, len(unknowns)))
+        for i, unknown in enumerate(unknowns):
+            body = unknown.at[0]
+            if unknown.kind == "mass":
+                arms[..., i] = loads.centers[body]
+            else:
+                axis = self.tree.bodies[body][1].rotation[:, unknown.at[1]]
+                arms[..., i] = numbers.masses[body] * (at.R[held[i]] @ axis)
+        slopes = np.swapaxes(loads.crossed[rows], 0, 1) @ arms
+        own = np.where(self.slides[rows], (at.z[rows] @ self.gravity).T, 0.0)
+        own -= np.einsum("aNi,aNi->Na", loads.crossed[rows], at.o[rows])
+        slopes[:, :, [i for i, unknown in enumerate(unknowns) if unknown.kind == "mass"]] += own[..., None]
+        return slopes * self.tree.carries[np.ix_(rows, held)]
+
+
+def _parts(count: int) -> list[slice]:
+    """Poses that are computed at a time."""
+    return [slice(first, first + TOGETHER) for first in range(0, count, TOGETHER)]
 
 
 def frame_rotation(frame: np.ndarray) -> np.ndarray:

@@ -136,8 +136,11 @@ class Tree:
     def point_slopes(self, at: Posture, mount: Mount, point: np.ndarray) -> np.ndarray:
         """Derivatives (N, 3, n) of a point of a frame in the values of all nodes."""
         slopes = np.zeros((len(point), 3, len(self.nodes)))
-        for a in np.flatnonzero(self.carries[:, mount.node]) if mount.node >= 0 else ():
-            slopes[:, :, a] = at.z[a] if self.nodes[a].slides else np.cross(at.z[a], point - at.o[a])
+        if mount.node >= 0:
+            on = np.flatnonzero(self.carries[:, mount.node])
+            sliding = np.array([self.nodes[a].slides for a in on])[:, None, None]
+            each = np.where(sliding, at.z[on], np.cross(at.z[on], point - at.o[on]))
+            slopes[:, :, on] = np.moveaxis(each, 0, 2)
         return slopes
 
 
