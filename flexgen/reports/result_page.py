@@ -1,4 +1,4 @@
-"""Pages of results: tables, then plots; a result without a page of its own gets its table and its picture."""
+"""Pages of results: tables, then plots; one without a page of its own gets the text of its command, and its picture."""
 
 from __future__ import annotations
 
@@ -11,18 +11,32 @@ from flexgen.plots import canvas
 from flexgen.reports.folder import PAGE, check_folder, foot
 from flexgen.reports.html import figure_element, head
 from flexgen.reports.pictures import Picture
+from flexgen.reports.text_tables import fit_tables
 from flexgen.results import Result
 
 
 def write_result(result: Result, directory: str | Path) -> Path:
-    """The page of a result: its table, and its picture where it has one."""
+    """The page of a result: its text with tables, and its picture where it has one."""
     title = type(result).__name__
     try:
         drawn = [Picture("picture", result.plot(), repr(result).strip("<>"))]
     except ArgumentError:  # no picture
         drawn = []
-    parts = [head(title), f"<h1>{html.escape(title)}</h1>\n", result._repr_html_()]
+    parts = [head(title), f"<h1>{html.escape(title)}</h1>\n", _tables(result)]
     return write_page(Path(directory), parts, drawn)
+
+
+def _tables(result: Result) -> str:
+    """The text with tables, of any width; of a result whose text is one line, the table of notebooks."""
+    with fit_tables(None):
+        text = result.to_text()
+    if text == str(result):
+        return result._repr_html_()
+    warnings = [html.escape(str(each)) for each in getattr(result, "warnings", ())]
+    items = "".join(f"<li>{each}</li>" for each in warnings)
+    return f'<pre class="wide">{html.escape(text)}</pre>' + (
+        f'<div class="warn"><ul>{items}</ul></div>' if items else ""
+    )
 
 
 def write_page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from pathlib import Path
 from types import SimpleNamespace as Made
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.testing import assert_allclose
 import flexgen
 from flexgen.errors import SolverError
 from flexgen.loop.result import output_errors
-from flexgen.reports import analysis_page, control_page, pictures, result_page, texts
+from flexgen.reports import analysis_page, control_page, pictures, result_page, text_tables, texts
 
 
 @pytest.mark.parametrize(
@@ -334,3 +335,17 @@ def test_the_page_of_another_result_is_its_table(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(flexgen.Equilibrium, "plot", lambda self: "figure")
     result_page.write_result(rest, "page")
     assert written[1][2] == ["picture"]
+
+
+def test_the_page_of_a_result_with_tables_has_all_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table of notebooks has four entries of a dictionary: a page of a calibration had four numbers of 260."""
+    written = pages_of(result_page, monkeypatch)
+    rows = [[f"q{k}.zero", f"{k} < {k + 1}" + " and wide" * 20] for k in range(40)]
+    monkeypatch.setattr(flexgen.Equilibrium, "to_text", lambda self: text_tables.table(rows))
+    monkeypatch.setattr(flexgen.Equilibrium, "warnings", ("a < b",), raising=False)
+    rest = flexgen.Equilibrium(np.array([0.5]), np.array([50.0]), np.array([3.0]), np.array([300.0]))
+    with text_tables.fit_tables(60):  # of the terminal
+        result_page.write_result(rest, "page")
+    text = html.unescape(written[0][1])
+    assert all(wide in text for _, wide in rows) and "<li>a < b</li>" in text
+    assert "<pre" in text and "a < b" not in written[0][1] and rest._repr_html_() not in written[0][1]
