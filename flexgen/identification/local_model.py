@@ -2,12 +2,12 @@
 
     Z(w) X = B,    Z = -w^2 M + j w D + K,    G(w) = -w^2 h(w) exp(-j w t_d) C_m X k_t      [rad/s^2 / (N m)]
 
-from motor torques to motor accelerations, motor side (sensors: see `flexgen.analysis.response_outputs`), with the hold
-``h = sinc(w T/2) exp(-j w T/2)``, the delay t_d and the torque constants k_t (1 where the drive is right). The robot
+from motor torques to motor accelerations, motor side (sensors: see `flexgen.analysis.response_outputs`; hold h, delay
+t_d, constants k_t, and the images of sampled motions, which G has too: `flexgen.analysis.response_inputs`). The robot
 rests at the motor angles of the pose:
 
     r(y, p, tau_m) = 0,  C_m y = q_m0          (the motors' torques tau_m hold the pose)
-    dG/dp = w^2 h exp(-j w t_d) C_m Z^-1 (dZ/dp + sum_i dZ/dy_i dy_i/dp) X k_t
+    dG/dp = w^2 h exp(-j w t_d) C_m Z^-1 (dZ/dp + sum_i dZ/dy_i dy_i/dp) X k_t        (without those of images)
 
 Friction laws have no slope at rest that describes their motion. Where the speed of the motors is known, each law is
 replaced by the viscous friction of the same mean power, ``E[f(w) w] / E[w^2]``, w Gaussian (statistical linearization).
@@ -20,8 +20,8 @@ W. Vander Velde, Multiple-Input Describing Functions, 1968 (statistical lineariz
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -29,6 +29,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis.mean_friction import is_linear, mean_viscous_change, normal_nodes
+from flexgen.analysis.response_inputs import Drive
 from flexgen.analysis.response_outputs import OutputRows
 from flexgen.analysis.second_order import motor_rows
 from flexgen.errors import SolverError
@@ -40,6 +41,7 @@ from flexgen.model.friction import loaded_motors
 from flexgen.numerics.evaluate import Evaluator, evaluate
 
 NEWTON_STEPS = 50
+NEAR = 4  # images with springs, two on each side; later ones together have 2 % of what all add
 
 
 @dataclass(frozen=True)
@@ -57,34 +59,6 @@ class Response:
 
     G: np.ndarray
     dG: np.ndarray | None
-
-
-@dataclass(frozen=True)
-class Drive:
-    """Delays and filters between the commanded torque and the motor, and between motion and samples of sensors.
-
-    Parameters
-    ----------
-    sample_s : float
-        Sample time of a torque that is held between samples [s]; 0: no hold.
-    delay_s : float
-        Delay of the torque behind the measurement of the motor angles [s].
-    torque_constants : tuple of float
-        Torque of each motor over the recorded one; empty: 1.
-    sensor_delays : mapping
-        Name of a sensor -> delay [s] instead of that of the model.
-    """
-
-    sample_s: float = 0.0
-    delay_s: float = 0.0
-    torque_constants: tuple[float, ...] = ()
-    sensor_delays: Mapping[str, float] = field(default_factory=dict)
-
-    def transfer(self, w: np.ndarray, n_m: int) -> np.ndarray:
-        """``h(w) exp(-j w t_d) k_t`` (lines, n_m)."""
-        half = w * self.sample_s / 2
-        hold = np.sinc(half / np.pi) * np.exp(-1j * (half + w * self.delay_s))
-        return hold[:, None] * np.array(self.torque_constants or (1.0,) * n_m)
 
 
 class LocalModel:
@@ -354,6 +328,7 @@ class LocalModel:
         inward = drive.transfer(w, self.model.n_m)[:, None, :]
         outward = self.outputs.transfer(w, drive.sensor_delays)[:, :, None]
         rows, drows = self.outputs.at(rest.y, rest.dy, values, speeds[:, self.model.n_m :][:, : self.model.n_a])
+        near, far = self._images(w, drive)
         s = 1j * w[:, None, None]
         G, dG = [], []
         changes = evaluate(by, rest.y, values, speeds)[0] if derivatives else None
@@ -362,7 +337,11 @@ class LocalModel:
             C = outward * (s**2 * rows[k, 0] + s * rows[k, 1] + rows[k, 2])
             both = np.linalg.inv(Z)
             X = both @ B[k] * inward
-            G.append(C @ X)
+            r, after, before = near
+            turned = np.linalg.solve(r**2 * M[k] + r * D[k] + K[k], B[k] + 0j)
+            images = (after * ((r**2 * rows[k, 0] + r * rows[k, 1] + rows[k, 2]) @ turned) * before).sum(axis=0)
+            free = rows[k] @ np.linalg.solve(M[k], B[k])
+            G.append(C @ X + images + (far * free[:, None]).sum(axis=0))
             if changes is None:
                 continue
             dG.append(self._derivative(changes[k], rest.dy[k], C @ both, -X, w))
@@ -370,6 +349,20 @@ class LocalModel:
                 moved = np.einsum("ml,monp->lonp", np.stack([s**2, s, s**0])[..., 0, 0], drows[k])
                 dG[-1] += outward[..., None] * np.einsum("lonp,lnb->lobp", moved, X, optimize=True)
         return Response(np.array(G), np.array(dG) if derivatives else None)
+
+    def _images(self, w: np.ndarray, drive: Drive) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+        """Images with springs: s (images, lines, 1, 1), and factors of the outputs and inputs (images, lines, ., .).
+
+        And the sums of all others, of the powers 0, -1 and -2 of s, (3, lines, outputs, n_m).
+        """
+        images = w + drive.images()[:, None]
+        s = 1j * images
+        after = self.outputs.transfer(images.ravel(), drive.sensor_delays).reshape(*s.shape, len(self.outputs))
+        after = after * (w / images)[..., None] ** self.outputs.orders
+        before = drive.transfer(images.ravel(), self.model.n_m).reshape(*s.shape, self.model.n_m)
+        powers = s ** -np.arange(3.0)[:, None, None]
+        far = np.einsum("jil,ilo,ilm->jlom", powers[:, NEAR:], after[NEAR:], before[NEAR:])
+        return (s[:NEAR, :, None, None], after[:NEAR, :, :, None], before[:NEAR, :, None, :]), far
 
     def _derivative(
         self, changes: np.ndarray, dy: np.ndarray, left: np.ndarray, right: np.ndarray, w: np.ndarray
@@ -403,12 +396,3 @@ class LocalModel:
         half = (left @ change).reshape(len(w), left.shape[1], n, len(used))
         directions = np.einsum("lacd,lcb->labd", half, right, optimize=True)
         return out + directions @ dy[used]
-
-
-def with_drive(drive: Drive, changes: Mapping[str, float], motors: Sequence[str]) -> Drive:
-    """The drive with other delays (``delay``, ``<sensor>.delay``) or torque constants (``<motor>.torque_constant``)."""
-    constants = list(drive.torque_constants or (1.0,) * len(motors))
-    for j, name in enumerate(motors):
-        constants[j] = changes.get(f"{name}.torque_constant", constants[j])
-    late = {name.removesuffix(".delay"): value for name, value in changes.items() if name.endswith(".delay")}
-    return Drive(drive.sample_s, changes.get("delay", drive.delay_s), tuple(constants), {**drive.sensor_delays, **late})

@@ -7,6 +7,7 @@ The robot is not linear: at a mean speed of 0.05 rad/s its responses differ from
 
 from __future__ import annotations
 
+import copy
 from contextlib import suppress
 from dataclasses import replace
 
@@ -80,7 +81,9 @@ def _change(residuals: Residuals, x: np.ndarray, gains: np.ndarray) -> np.ndarra
     outward = local.outputs.transfer(data.w, drive.sensor_delays)[..., None]
     compiled = _compile if _count(data) > MANY else lambda function: function
     motions = LargeMotions(local.equations, values, [channels(model).index(name) for name in data.sensors], compiled)
-    change = -residuals.response(x).G
+    continuous = copy.copy(residuals)
+    continuous.drive = replace(residuals.drive, has_images=False)
+    change = -continuous.response(x).G
     for k, runs in enumerate(data.torques):
         Z = s**2 * M[k] + s * D[k] + K[k]
         for U in runs:

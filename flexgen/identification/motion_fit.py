@@ -25,10 +25,11 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.graybox import SMALL_ERROR, weak_directions
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import DELAY, ParameterVector, is_of_sensor
 from flexgen.identification.recordings.description import Description, Recording, read_description
 from flexgen.identification.result import Estimated, FitStatus

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.response_inputs import Drive, with_drive
 from flexgen.errors import ArgumentError
-from flexgen.identification.local_model import Drive, with_drive
 from flexgen.loop.controllers import Cascade
 from flexgen.mechanics.parameters import Parameter, select
 from flexgen.model.elements import RobotModel

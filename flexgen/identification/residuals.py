@@ -27,11 +27,12 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.linalg import eigh
 
+from flexgen.analysis.response_inputs import Drive
 from flexgen.analysis.response_outputs import ANGLE
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.operating_points import along_x
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
+from flexgen.identification.local_model import LocalModel, Response, Rest
 from flexgen.identification.parameters import ParameterVector
 from flexgen.numerics.noise_structure import fit_levels, regular, structured_covariance
 from flexgen.numerics.trust_region import Sums, normal

@@ -8,9 +8,10 @@ import pytest
 from mujoco_referee import MujocoMachine, text
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.environment.sense import shown_angles
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.library.model_library import library_with
 from flexgen.mechanics import sensors as sensor_graphs
 from flexgen.mechanics.beam import modal_beam

@@ -10,11 +10,11 @@ import pytest
 from identification_cases import exact_responses, poses_of, without_coulomb
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import SolverError
 from flexgen.identification.causes import explain as causes
 from flexgen.identification.causes.hypotheses import masses_of, transform, with_sample_time
 from flexgen.identification.causes.missing_springs import additions, without
-from flexgen.identification.local_model import Drive
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import FitStatus

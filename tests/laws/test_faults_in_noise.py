@@ -9,9 +9,9 @@ import pytest
 from identification_cases import another, exact_responses, poses_of, small_plan, without_coulomb
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.identification import residuals
 from flexgen.identification.experiments.experiment import Experiment
-from flexgen.identification.local_model import Drive
 from flexgen.identification.result import FitStatus
 
 W = 2 * np.pi * np.geomspace(1.0, 80.0, 30)

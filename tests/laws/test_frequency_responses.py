@@ -11,10 +11,11 @@ from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.operating_points import noise_covariance
 from flexgen.identification.frequency_response import coherence
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.loop.hardware import DriveHardware
 
 pytestmark = needs_compiler

@@ -15,9 +15,9 @@ from measured_numbers import check_numbers
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.identification.graybox import weak_directions
-from flexgen.identification.local_model import Drive
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus
 from flexgen.identification.time_domain import Simulated, validate

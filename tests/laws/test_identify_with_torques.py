@@ -12,9 +12,10 @@ from identification_cases import NOISY, poses_of, without_coulomb
 
 import flexgen
 from flexgen.analysis import response_outputs
+from flexgen.analysis.response_inputs import Drive
 from flexgen.analysis.response_outputs import channels
 from flexgen.errors import ModelError
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.identification.result import FitStatus
@@ -76,15 +77,13 @@ def test_derivatives_are_those_of_central_differences() -> None:
     model = rubbing()
     local = LocalModel(model, ["stiffness", "damping", "payload.mass", "q1.viscous", "q1.coulomb"], channels(model))
     q_m = poses_of(model, 2, spread=0.2) @ model.eta.T
-    given = {"speed_sd": np.full(2, 3.0)}
-    exact = local.response(local.values, q_m, W, Drive(5e-4, 2e-4), **given).dG
+    given, drive = {"speed_sd": np.full(2, 3.0)}, Drive(5e-4, 2e-4, has_images=False)
+    exact = local.response(local.values, q_m, W, drive, **given).dG
     assert exact is not None and exact.shape[2] == 2 + 3 + 6 + 3
     for k, value in enumerate(local.values):
         step = 1e-4 * abs(value)
         up, down = (
-            local.response(
-                local.values + s * step * (np.arange(len(local.values)) == k), q_m, W, Drive(5e-4, 2e-4), **given
-            ).G
+            local.response(local.values + s * step * (np.arange(len(local.values)) == k), q_m, W, drive, **given).G
             for s in (1.0, -1.0)
         )
         difference = np.abs((up - down) / (2 * step) - exact[..., k]).max(axis=(0, 1, 3))

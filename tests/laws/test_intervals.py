@@ -14,8 +14,8 @@ import pytest
 from identification_cases import exact_responses, poses_of, without_coulomb
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.identification import residuals
-from flexgen.identification.local_model import Drive
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import Residuals
 from flexgen.mechanics.parameters import with_values

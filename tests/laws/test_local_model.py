@@ -16,14 +16,15 @@ from shipped_models import elastic_models
 import flexgen
 from flexgen.analysis.linear import linearize
 from flexgen.analysis.mean_friction import mean_viscous_change
+from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import SolverError
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import Friction
 
 ROBOTS = Path(__file__).parents[1] / "support" / "robots"
 W = 2 * np.pi * np.geomspace(1.0, 100.0, 12)
-DRIVE = Drive(5e-4, 2e-4)
+DRIVE = Drive(5e-4, 2e-4, has_images=False)  # derivatives are those without images
 ELASTIC = elastic_models()
 
 

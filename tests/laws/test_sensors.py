@@ -14,11 +14,12 @@ from measured_numbers import check_numbers
 from shipped_models import elastic_models
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.analysis.response_outputs import channels
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import with_sensor_delays
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter
@@ -51,7 +52,7 @@ def test_derivatives_of_sensor_rows_are_those_of_central_differences(name: str) 
     local = LocalModel(model, ["stiffness", "damping", "payload.mass"], channels(model))
     values = np.where(local.values == 0, 1e-3, local.values)
     q_m = poses_of(model, 2, spread=0.2) @ model.eta.T
-    drive = Drive(5e-4, 2e-4)
+    drive = Drive(5e-4, 2e-4, has_images=False)
     exact = local.response(values, q_m, W, drive).dG
     assert exact is not None and exact.shape[2] == model.n_m + 12
     for k, value in enumerate(values):

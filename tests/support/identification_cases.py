@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.loop.hardware import DriveHardware
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import RobotModel

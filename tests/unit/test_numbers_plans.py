@@ -16,13 +16,14 @@ from scipy.linalg import eigh
 
 import flexgen
 from flexgen.analysis.linear import linearize
+from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points as op
 from flexgen.identification.experiments import plan as plans
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.experiments.optimal_spectrum import optimal_power, with_optimal_spectrum
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.controllers import Cascade
 from flexgen.mechanics.statics import hold_joints
@@ -184,7 +185,7 @@ def test_information_is_that_of_differences_of_the_responses() -> None:
 
     def responses(x: np.ndarray) -> np.ndarray:
         named = vector.named(x)
-        drive = vector.drive_at(x, Drive(5e-4, plan.hardware.delay_s))
+        drive = vector.drive_at(x, Drive(5e-4, plan.hardware.delay_s, has_images=False))
         values = np.array([named[name] for name in local.names])
         return local.response(values, plan.poses, w, drive, speed_sd=plan.speed_sd, derivatives=False).G[0]
 

@@ -12,11 +12,12 @@ from identification_cases import exact_responses, without_coulomb
 from numpy.testing import assert_allclose
 
 import flexgen
+from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification import structure as searched
 from flexgen.identification import time_domain, verdict
 from flexgen.identification.causes import missing_springs
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus, IdentificationResult
 from flexgen.identification.structure import Change, Structure

@@ -18,10 +18,11 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from flexgen.analysis.response_inputs import Drive
 from flexgen.analysis.response_outputs import noises, output_orders
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_drive, is_of_sensor
 from flexgen.model.elements import RobotModel
 
@@ -129,7 +130,7 @@ def information_by_line(vector: ParameterVector, plan: Plan, pose: np.ndarray) -
 
 def _by_line(vector: ParameterVector, local: LocalModel, plan: Plan, pose: np.ndarray) -> np.ndarray:
     w = 2 * np.pi * plan.frequencies
-    drive = vector.drive_at(vector.start, Drive(plan.hardware.sample_s, plan.hardware.delay_s))
+    drive = vector.drive_at(vector.start, Drive(plan.hardware.sample_s, plan.hardware.delay_s, has_images=False))
     response = local.response(local.values, pose[None], w, drive, speed_sd=plan.speed_sd)
     assert response.dG is not None
     G, dG = response.G[0], along_x(vector, local, vector.start, response.G, response.dG, w)[0]
