@@ -18,7 +18,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 from flexgen.runtime.path_inversion import Inversion
-from flexgen.simulation.hold import hold_torque
+from flexgen.simulation.hold import SAME, hold_torque
 from flexgen.spec.ports import Port
 from flexgen.torque_curve import read_degree
 from flexgen.trajectory import Trajectory
@@ -95,7 +95,7 @@ def motion_reference(
     library : Library
         With ``sensors`` where the model has any.
     time : array (n,) [s]
-        The samples; the motion begins at one of them.
+        The samples; the first is at rest before the motion.
     signals : casadi.Function, optional
         Signals of the sensors from ``q_a, v_a, a_a, force``, instead of those of the library.
     """
@@ -117,13 +117,16 @@ def motion_reference(
 
 
 def hold_torques(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float) -> np.ndarray:
-    """Torques to send at the samples (n, n_m)."""
+    """Torques to send at the samples (n, n_m), wherever between two of them the trajectory begins."""
     tau, first = trajectory["tau_m"], float(trajectory.time[0])
     limited = trajectory.meta.get("torque") == "limited"
     degree = read_degree(trajectory.meta)
-    ticks, values = hold_torque(trajectory.time, tau, "zoh", sample_s, delay_s, limited=limited, degree=degree)
+    late = (time[0] - first) / sample_s
+    late -= np.floor(late + SAME)  # part of a sample that the samples are behind those from the begin of the trajectory
+    acts = max(delay_s + late * sample_s, 0.0)
+    ticks, values = hold_torque(trajectory.time, tau, "zoh", sample_s, acts, limited=limited, degree=degree)
     begin = round((ticks[0] - first) / sample_s)
-    at = np.round((time - first) / sample_s).astype(int) - begin
+    at = np.round((time - first) / sample_s - late).astype(int) - begin
     held = values[at.clip(0, len(values) - 1)]
     return np.asarray(np.where((at < 0)[:, None], tau[0], held))
 

@@ -136,12 +136,16 @@ def _check_period(period: Any, servo: Servo) -> None:
 
 
 def _long_reference(case: Case, gains: Cascade) -> MotionReference:
-    """The reference until the position loop and the integral parts, which fill after the path, are at rest."""
+    """The reference until the position loop and the integral parts, which fill after the path, are at rest.
+
+    One sample of the servo is at the begin of the path, so that positions begin to act at samples.
+    """
     rates = np.concatenate([gains.position_gain, gains.integral_gain])
     after = min(-np.log(SETTLED) / float(rates[rates > 0.0].min()), LONGEST_AFTER_S)
     trajectory = case.solution.trajectory
     span = float(trajectory.time[0]), float(trajectory.time[-1])
-    time = time_grid(*span, case.sample_time, HOLD_S, after)
+    begin = case.sample_time * np.floor(span[0] / case.sample_time + 1e-9)
+    time = time_grid(begin, span[1], case.sample_time, HOLD_S, after)
     path = Path(case.equations, case.solution.move)
     return motion_reference(trajectory, path, case.sample_time, case.delay, case.library, time)
 

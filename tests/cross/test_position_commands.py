@@ -65,7 +65,7 @@ def error_with(found: flexgen.PositionCommands, time: np.ndarray, joints: np.nda
     servo = servo_of(found, found.run.law, **changes)
     robot = InMujoco(model, path["q_a"][0], path["q_m"][0])
     first = min(float(path.time[0]), float(time[0])) - 0.02
-    first = found.run.reference.time[np.searchsorted(found.run.reference.time, first)]
+    first = servo.h * np.floor(first / servo.h)  # positions begin to act at samples of the servo
     rows = joints @ model.eta.T
     t, arm, _ = robot.follow(
         servo, lambda at: position_at(time, rows, at, found.interpolation), first, path.time[-1] + 0.3
@@ -104,6 +104,16 @@ def test_other_interpolations_and_servos_in_mujoco(solved, tmp_path, interpolati
     assert stated < (1e-7 if interpolation == "cubic" else 1e-4)
     assert error_in_mujoco(found, tmp_path) == pytest.approx(stated, rel=0.1, abs=1e-7)
     assert error_in_mujoco(found, tmp_path, filter_s=0.0) > 1e-3  # planted: without the filter
+
+
+def test_positions_begin_to_act_at_samples_of_the_servo(tmp_path):
+    """A motion that begins between two samples of the servo, which is sent steps at its samples."""
+    robot = flexgen.read("planar5_nmp", overrides={"move.line.duration": 0.50331})
+    found = flexgen.command_positions(robot, period=1e-3, interpolation="hold", progress=False)
+    begin = found.run.solution.trajectory.time[0] / found.servo.sample_time
+    assert abs(begin - round(begin)) > 0.01
+    assert found.tool_error_max_m < 2e-6
+    assert error_in_mujoco(found, tmp_path) < 2e-6
 
 
 def test_a_servo_without_integral_part_holds_the_arm_by_an_offset(solved, tmp_path):
