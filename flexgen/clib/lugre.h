@@ -167,7 +167,7 @@ static inline real bristle_impulse(int j, real period, const real v[2], const re
         *since = 0.0;
     }
     slow = low > 0.0 ? low : high < 0.0 ? -high : 0.0;
-    if ((slow > wide || (!falls && slow > 0.0)) && fabs_1(*since) > settling_times) {
+    if ((slow > wide || (!falls && slow > 0.0)) && fabs_1(*since) > settling_times && fabs_1(way) > least_turn) {
         *z = v[0] > 0.0 ? 1.0 / per_turn : -1.0 / per_turn;
         return lugre_stiffness[j] * period * *z + lugre_damping[j] * (*z - first);
     }

@@ -149,10 +149,9 @@ def _along(law: MotorBristles, j: int, h: float, v: np.ndarray, a: np.ndarray) -
     near = slow <= FAR * law.stribeck_speed[j]
     quick = np.where(falls, ~near, slow > 0.0)
     way = _integral(cubic, bounds[0], np.ones_like(slow)) * h * slope
-    settled = (
-        _since_reversal(np.sum(turned, axis=0), np.where(np.abs(way) > LEAST, way, 0.0), bounds[1] < 1.0) > SETTLED
-    )
-    quick &= settled
+    moves = np.abs(way) > LEAST
+    settled = _since_reversal(np.sum(turned, axis=0), np.where(moves, way, 0.0), bounds[1] < 1.0) > SETTLED
+    quick &= settled & moves
     limit = np.sign(v[:-1]) * law.coulomb[j] / law.stiffness[j]
     E, F = np.where(quick, 0.0, 1.0), np.where(quick, limit, 0.0)  # z at the end = E z + F, its integral = G z + H
     G, H = np.zeros_like(F), np.where(quick, h * limit, 0.0)

@@ -80,6 +80,16 @@ def test_where_the_motion_has_settled_the_torque_that_bristles_hold_stays() -> N
     assert np.abs(long.tau_m[-1] - without.tau_m[-1]).min() > 0.1
 
 
+def test_torques_of_a_stream_at_rest_stay_where_friction_does_not_fall() -> None:
+    """Rounded speeds of either sign do not turn the bristles: less than 1e-6 of the largest torque."""
+    table = {"coulomb": 0.5, "stiffness": 800.0, "damping": 1.5}
+    model = bristled("planar5_nmp", {"m1": table, "m2": table})
+    move, (y, dy, ddy) = path_of(model, 2e-3, still=200)
+    stream = library_of(model).stream(y[0], move.q_start, period=2e-3, intervals=30, samples_per_interval=4)
+    torques = np.concatenate([stream.update(y[k], dy[k], ddy[k]).tau_m for k in range(1, len(y))])
+    assert np.ptp(torques[-300:], axis=0).max() < 1e-6 * np.abs(torques).max()
+
+
 @pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3_18", marks=pytest.mark.slow)])
 def test_elastic_arms_are_those_of_the_stage_and_stay_on_their_path(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The tool by the simulation, which integrates z itself: 0.05 um."""

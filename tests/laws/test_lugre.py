@@ -110,6 +110,17 @@ def test_at_rest_bristles_stay_as_they_are(static: float) -> None:
     assert_allclose(torque[310:], torque[310], rtol=1e-12)
 
 
+@pytest.mark.parametrize("static", [0.5, 0.8])
+def test_at_rest_rounding_does_not_turn_bristles(static: float) -> None:
+    """Speeds of 1e-14 rad/s of either sign, after the motor has slid: the torque stays, less than 1e-9 of it."""
+    t, noise = np.linspace(0.0, 1.0, 1001), 1e-14 * np.random.default_rng(3).normal(size=1001)
+    v, a = (np.where(t < 0.3, x, 0.0) for x in (1.0 - np.cos(2 * np.pi * t / 0.3), np.sin(2 * np.pi * t / 0.3)))
+    v = np.where(t < 0.3, 9.0 * v, noise)[:, None]
+    torque = bristle_torques(law(static=static), t, v, 60.0 * np.pi * a[:, None])[:, 0]
+    assert 0.45 < torque[310] < 0.9
+    assert_allclose(torque[310:], torque[310], rtol=1e-9)
+
+
 def test_half_the_sampling_interval_leaves_a_small_part_of_the_error() -> None:
     """Order four in the interval, that of the speed between the samples."""
     errors, w = [], 2 * np.pi / 0.4
