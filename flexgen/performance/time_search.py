@@ -41,6 +41,7 @@ TRUST, GROW, SHRINK, SMALLEST = 0.08, 1.5, 1 / 3, 5e-4
 LAZY = 1e-3  # weight of changes of the coefficients
 CLOSE = 0.6  # of a limit: samples below it cannot become active within a step
 STEP = 1e-5  # of differences
+ROUNDING = 1e-6  # of the samples in an interval: the same for all durations, also where they are a whole and a half
 FINER = 3  # samples and mesh of the last check
 MOST = 60  # programs
 HALVINGS = 8  # of the duration of a first law
@@ -147,7 +148,7 @@ class TimeSearch:
             q_start=timed.q_start,
             n_pre=int(np.ceil(self._before / period)),
             n_post=int(np.ceil(self._after / period)),
-            samples_per_interval=max(1, round(mesh / period)),
+            samples_per_interval=max(1, int(mesh / period + 0.5 - ROUNDING)),
             force=pushing,
         )
         return found, partial(self._tool_motion, found, sample)

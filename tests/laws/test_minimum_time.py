@@ -42,6 +42,23 @@ def test_the_planar_arm_is_as_fast_as_its_torques_allow(planar):
 
 
 @pytest.mark.slow
+def test_robots_in_other_units_of_time_are_as_fast():
+    """16 and 32 times as quick as `planar5_nmp`: all numbers of the search but rounding are the same."""
+
+    def duration(factor: float) -> float:
+        gears = [f"element.arm{k}.dof.q{k}.{gear}" for k, gear in ((1, "gear."), (2, "gear."), (3, ""))]
+        changes = {f"{gear}spring.stiffness": x for gear, x in zip(gears, (4e5, 2.5e5, 1.5e5), strict=True)}
+        changes = {key: x * factor**2 for key, x in changes.items()} | {"move.line.duration": 0.5 / factor}
+        changes |= {f"{gear}damping": x * factor for gear, x in zip(gears, (400.0, 250.0, 150.0), strict=True)}
+        changes |= {f"motor.m{k}.friction.viscous": 20e-4 * factor for k in (1, 2)}
+        robot = flexgen.read("planar5_nmp", overrides=changes | {"gravity": [0.0, -9.81 * factor**2, 0.0]})
+        limits = Limits(torque=(25.0 * factor**2, 12.0 * factor**2))
+        return factor * flexgen.fastest(robot, "line", limits=limits, progress=False).duration_s
+
+    assert duration(16.0) == pytest.approx(duration(32.0), rel=1e-6)
+
+
+@pytest.mark.slow
 def test_two_masses_against_their_minimum_time():
     """Torques that jump need 0.098881 s (closed form), a rigid shaft 0.096954 s; continuous ones a tenth more."""
     found = flexgen.fastest(TWO_MASS, progress=False)
