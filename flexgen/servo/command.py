@@ -37,6 +37,7 @@ from flexgen.type_checks import checked_types
 PERIOD_S = 4e-3
 LONGEST_S = 0.1  # period of an interface, at most
 SETTLED, LONGEST_AFTER_S = 1e-6, 30.0  # of the reference after the motion, relative; time after it, at most
+REACHED = 1.0 - 1e-4  # of a limit
 AT_REST = 1e-9  # rad: the first position that is this far from rest begins the table
 
 
@@ -167,13 +168,21 @@ def _fit(
     limits: tuple[np.ndarray | None, np.ndarray | None],
     names: list[str],
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The samples, and the limits that they reach."""
-    samples, active = fit_samples(B, r), []
-    for n, (word, bound) in enumerate(zip(("speed", "acceleration"), limits, strict=True), 1):
-        if bound is not None:
-            largest = np.abs(np.diff(samples, n=n, axis=0)).max(axis=0) / period**n
-            active += [f"{word} of {names[j]}" for j in np.flatnonzero(largest > bound)]
-    return (fit_within(B, r, period, limits), tuple(active)) if active else (samples, ())
+    """The samples, and the limits that they reach, or would exceed without them."""
+
+    def largest(samples: np.ndarray, share: float) -> list[str]:
+        found = []
+        for n, (word, bound) in enumerate(zip(("speed", "acceleration"), limits, strict=True), 1):
+            if bound is not None:
+                size = np.abs(np.diff(samples, n=n, axis=0)).max(axis=0) / period**n
+                found += [f"{word} of {names[j]}" for j in np.flatnonzero(size > share * bound)]
+        return found
+
+    samples = fit_samples(B, r)
+    if not (exceeded := largest(samples, 1.0)):
+        return samples, ()
+    samples = fit_within(B, r, period, limits)
+    return samples, tuple(dict.fromkeys([*exceeded, *largest(samples, REACHED)]))
 
 
 def _simulate(case: Case, servo: Servo, gains: Cascade, r: np.ndarray, name: str) -> ControlRun:

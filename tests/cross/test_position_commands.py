@@ -116,6 +116,17 @@ def test_positions_begin_to_act_at_samples_of_the_servo(tmp_path):
     assert error_in_mujoco(found, tmp_path) < 2e-6
 
 
+def test_limits_that_others_make_the_positions_reach_are_named(solved):
+    """The accelerations of the table without limits are below their bound, of the one with less speed they are not."""
+    free = flexgen.command_positions("planar5_nmp", solution=solved["planar5_nmp"], progress=False)
+    speed, acceleration = (np.abs(np.diff(free.joint, n=n, axis=0)).max(axis=0) / 4e-3**n for n in (1, 2))
+    bounds = {"speed": 0.9 * speed, "acceleration": 1.02 * acceleration}
+    found = flexgen.command_positions("planar5_nmp", solution=solved["planar5_nmp"], **bounds, progress=False)
+    reached = np.abs(np.diff(found.joint, n=2, axis=0)).max(axis=0) / 4e-3**2
+    assert_allclose(reached, bounds["acceleration"], rtol=1e-5)
+    assert found.active == ("speed of q1", "speed of q2", "acceleration of q1", "acceleration of q2")
+
+
 def test_a_servo_without_integral_part_holds_the_arm_by_an_offset(solved, tmp_path):
     found = flexgen.command_positions(
         robot_of("planar5_nmp"), solution=solved["planar5_nmp"], servo=flexgen.PPI(integral_hz=0.0), progress=False
