@@ -41,11 +41,11 @@ from flexgen.uncertainty.gear_states import gear_rows, gears_of
 from flexgen.uncertainty.memory_states import PlannedStates, States, plan_states
 from flexgen.uncertainty.sources import DELAY, Sources, of_equations
 
-STEPS, FINEST, FEWEST, MOST = 12.0, 1e-3, 200, 1500  # a period of the speed control, least step [s], points
+STEPS, FEWEST, MOST = 12.0, 200, 1500  # in a period of the speed control; in the motion
 KNOTS, DENSER = 60, 3.0  # instants at which matrices are evaluated, linear between them; more of them where it moves
 PROBES = (0.0, 0.4, 1.0)  # parts of the time at which matrices are compared: at rest and in motion
 SAME = 1e-9  # relative to their largest entry
-SHORT = 1e-4  # s, for the derivative of the torques
+SHORT = 0.1  # of a step, for the derivative of the torques
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -115,8 +115,8 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
     """The equations of deviations from the motion of a trajectory."""
     model, first, last = equations.model, float(trajectory.time[0]), float(trajectory.time[-1])
     feedback = default_feedback(equations, *(trajectory[name][0] for name in ("q_a", "q_m", "tau_m")))
-    step = max(1.0 / (STEPS * max(feedback.frequencies["speed_hz"], 1e-3)), FINEST)
-    t = np.linspace(first, last, int(np.clip(np.ceil((last - first) / step), FEWEST, MOST)) + 1)
+    steps = np.ceil(STEPS * feedback.frequencies["speed_hz"] * (last - first))
+    t = np.linspace(first, last, int(np.clip(steps, FEWEST, MOST)) + 1)
     motion = trajectory.at(t)
     states = _states(model, sources, motion, float(t[1] - t[0]), feedback.rows)
     sources = of_equations(sources, model)
@@ -144,7 +144,7 @@ def linearize(equations: Equations, trajectory: Trajectory, sources: Sources) ->
         return np.einsum("kij,rkj->kri", B, change)
 
     if delay is not None:
-        short = min(SHORT, float(sources.sd[delay])) * np.eye(len(sources.sd))[[delay]]
+        short = min(SHORT * float(t[1] - t[0]), float(sources.sd[delay])) * np.eye(len(sources.sd))[[delay]]
         force[delay] += (late(short) - late(-short))[:, 0] / (2 * short[0, delay])
     all_of = {k: (between(x), between(y), between(z)) for k, (x, y, z) in varying.items()}
     motors = tuple(motor.name for motor in model.motors)

@@ -13,7 +13,7 @@ from flexgen.model.elements import Body, RobotModel
 NUMBER = r"-?\d[\d.e+-]*"
 # powers of the factor; inertia: of a body and of a rotor
 POWERS = {"com": 1.0, "position": 1.0, "displacement": 1.0, "mass": 3.0, "duration": 0.5, "inertia": 5.0}
-POWERS |= {"stiffness": 4.0, "damping": 4.5}  # of rotary springs
+POWERS |= {"stiffness": 4.0, "damping": 4.5, "viscous": 4.5}  # of rotary springs and motors
 
 
 def enlarged(name: str, factor: float) -> str:
