@@ -12,10 +12,11 @@ So its part in the normal equations is subtracted: that of as much noise that is
 
     G(theta) = 2 J' r - mean J_+' r_+
 
-Standard deviations are those of a sandwich over blocks: errors of neighboring samples are alike.
+Standard deviations are those of the jackknife over blocks b, since errors of neighboring samples are alike: of changes
+(A - A_b)^-1 g_b by leaving out a block, whose part of the matrix A is A_b, and of the gradient g_b.
 
 Source: W. Fuller, Measurement Error Models, 1987, ch. 3 (corrected normal equations); L. Ljung, System Identification,
-2nd ed. 1999, sec. 9.3 (covariance).
+2nd ed. 1999, sec. 9.3 (covariance); B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans, 1982, ch. 3.
 """
 
 from __future__ import annotations
@@ -31,11 +32,14 @@ from scipy.signal import welch
 from scipy.signal.windows import tukey
 from scipy.stats import chi2
 
+from flexgen.analysis.rests_of_motors import MOVING
 from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import DrivenArm, Element, MotorMotion
+from flexgen.gears.motor_friction import MotorFriction
 from flexgen.gears.signals import Signals
-from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.lagrangian import gear_stiffness
+from flexgen.mechanics.motor_harmonics import friction_along
 from flexgen.mechanics.parameters import with_values
 from flexgen.numerics.trust_region import Sums, minimize
 from flexgen.spec.memory import SHARPEST
@@ -48,9 +52,8 @@ NO_LOST = 0.02  # of these units: what is below it is none
 SLOWEST = 2.0  # rate of a hysteresis times the integration step, at most
 POSES = 20  # of the record, where eigenvalues are computed
 STIFFER = 10.0  # K_h over its start up to which the integration is accurate
-CREEP = 0.01  # of the largest speed, below which Coulomb friction is smoothed
 FORGOTTEN = 1e-5  # of its first effect, or of the torques, to which that of the start has decayed
-BLOCK_S = 1.0  # of a record, within which residuals depend on each other
+BLOCK_S, FEWEST_BLOCKS = 1.0, 10  # of a record, within which residuals depend on each other; at least so many
 CLOSE = (0.3, 0.05, 0.05)  # standard deviations from the minimum where the searches end
 SETTLED = 2.0  # standard deviations, at most, of the last of these steps
 DRAWS = (1, 1, 3, 3)  # pairs of samples of noise in each step with corrected normal equations
@@ -63,6 +66,7 @@ TAPER = 0.05  # of the record, in which both ends are faded
 BANDS, LOWEST, EXCESS_DRAWS = 8, 0.04, 4  # of frequency; end of the first over that of all; samples of noise in them
 UNLIKELY = 0.01  # probability of less noise in a band than there is
 ROUNDING = 2.5e-6  # of the torques: errors of the simulation in a band
+STICKS, SOME, HOLDS = 3.0, 2e-3, 0.1  # Coulomb friction over its sd, over the torques; slow friction over the fast one
 FRICTIONS = 3  # regressors of each motor besides cogging: viscous, Coulomb, constant
 ERROR_STEP = 1e-6  # rad or m, of differences in a transmission error
 
@@ -138,6 +142,7 @@ class GearModel:
         self.motion = MotorMotion.through(signals.time, signals.q_m, self.segments.steps)
         self.measured, self.first = signals.torques(signals.tau_m), 0
         self.late = np.gradient(self.measured, signals.sample_s, axis=0)
+        self.friction = MotorFriction(signals, self.motion)
         self.first = self._forgets()
         self.measured, self.late = self.measured[self.first :], self.late[self.first :]
 
@@ -158,23 +163,39 @@ class GearModel:
             states = pool.map(self._simulate, numbers, [inputs] * len(numbers), starts)
             for theta, p, x in zip(points, numbers, states, strict=True):
                 found = self.signals.torques(self.arm.torques(x, at, p))
-                out.append(found[self.first :] + linear @ theta[self.bent :])
+                out.append(self.friction.project(found[self.first :]) + linear @ theta[self.bent :])
         return np.array(out)
+
+    def take_out_standstill(self, found: Estimate) -> bool:
+        """From now on compare torques without what friction at standstill can do; whether any motor has some.
+
+        Motors with Coulomb friction, which the model has, or which this estimate of all torques found.
+        """
+        at = self.bent + self.n_m + np.arange(self.n_m)
+        least = np.maximum(STICKS * np.sqrt(np.diag(found.covariance)[at]), SOME * np.std(self.measured, axis=0))
+        found_some = np.abs(found.theta[at]) > least
+        largest = np.abs(self.motion.samples[:, self.n_m : 2 * self.n_m]).max(axis=0)
+        model, speeds = self.equations.model, np.array([MOVING * largest, largest])
+        slow, fast = np.abs(friction_along(derive(model).function, model, speeds, np.zeros_like(speeds)))
+        motors = found_some | (slow > HOLDS * fast)
+        self.friction.take_out(self.first, motors)
+        self.measured, self.late = (self.friction.project(x) for x in (self.measured, self.late))
+        return bool(motors.any())
 
     def regressors(self, motion: MotorMotion) -> np.ndarray:
         """Derivatives (k, n_m, linear) of the torques in frictions, constants, cogging and delay."""
         n, at = self.n_m, motion.samples
         q, v = at[:, :n], at[:, n : 2 * n]
-        largest = np.abs(v).max(axis=0) + 1e-300
-        parts = [v, np.tanh(v / (CREEP * largest)), np.ones_like(v)]
+        parts = [v, np.ones_like(v)]
         for k in self.sought.cogging:  # which helps the motor
             parts += [-np.cos(k * q), -np.sin(k * q)]
         smooth = [self.signals.torques(part) for part in parts]
-        out = np.zeros((*smooth[0].shape, len(parts) * n + 1))
+        smooth.insert(1, self.friction.coulomb(motion))
+        out = np.zeros((*smooth[0].shape, len(smooth) * n + 1))
         for k, part in enumerate(smooth):
             for j in range(n):
                 out[:, j, k * n + j] = part[:, j]
-        out = out[self.first :]
+        out = self.friction.project(out[self.first :])
         out[:, :, -1] = -self.late
         return out
 
@@ -318,14 +339,11 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
             break
     for n, draws in enumerate(DRAWS, 1):
         tell(f"subtracting the part of the noise: {n} of {len(DRAWS)}")
-        error, scores, H, unknown = _correct(model, theta, white, lower < upper, draws)
-        change, here = H @ scores.sum(axis=0), theta[: model.parts]
+        error, change, covariance = _correct(model, theta, white, lower < upper, draws)
+        here = theta[: model.parts]
         theta = theta - change
         theta[: model.parts] = here * np.exp(np.clip(-change[: model.parts] / here, -1.0, 1.0))  # never negative
         theta = np.clip(theta, lower, upper)
-    block = max(1, round(BLOCK_S / model.signals.sample_s))
-    blocks = np.add.reduceat(scores, np.arange(0, len(scores), block))
-    covariance = H @ (blocks.T @ blocks) @ H + unknown
     settled = bool((np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))).all())
     return Estimate(theta, covariance, error, fit.converged and settled)
 
@@ -358,22 +376,29 @@ def _drop(model: GearModel, theta: np.ndarray, lower: np.ndarray, upper: np.ndar
 
 def _correct(
     model: GearModel, theta: np.ndarray, white: Whitening, free: np.ndarray, draws: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Corrected normal equations at theta for numbers that are free; samples of noise come in pairs of both signs.
 
     Returns
     -------
     error : array (k, n_m)
         Residuals.
-    scores : array (k, n)
-        Terms of the corrected gradient.
-    H, unknown : arrays (n, n)
-        Inverse of the matrix; the covariance by the samples of noise, and of directions that the noise does not let
-        determine: 100 % of the number that a direction moves most.
+    change : array (n,)
+        What is subtracted from theta.
+    covariance : array (n, n)
+        Of theta by the blocks and by the samples of noise; of directions that the noise does not let determine: 100 %
+        of the number that a direction moves most.
     """
     error, J = model.derivatives(theta, model.motion)
     J = white(J * free)
-    raw, scores = np.einsum("njp,njq->pq", J, J), 2 * np.einsum("njp,nj->np", J, white(error))
+    block = max(1, min(round(BLOCK_S / model.signals.sample_s), len(J) // FEWEST_BLOCKS))
+
+    def squares(J: np.ndarray) -> np.ndarray:
+        """J' J of each block, (blocks, n, n)."""
+        cut = range(block, len(J), block)
+        return np.array([np.einsum("njp,njq->pq", part, part) for part in np.split(J, cut)])
+
+    raw, scores = squares(J), 2 * np.einsum("njp,nj->np", J, white(error))
     A, sums = 2 * raw, []
     for seed in range(draws):
         pair = np.zeros_like(scores)
@@ -381,25 +406,39 @@ def _correct(
             e_more, J_more = model.derivatives(theta, model.more_noise(seed, sign))
             r_more, J_more = white(e_more), white(J_more * free)
             pair += np.einsum("njp,nj->np", J_more, r_more) / 2
-            A -= np.einsum("njp,njq->pq", J_more, J_more) / (2 * draws)
+            A -= squares(J_more) / (2 * draws)
         scores -= pair / draws
         sums.append(pair.sum(axis=0))
+    blocks = np.add.reduceat(scores, np.arange(0, len(scores), block))
     # of the part of the noise, from its samples
-    spread = np.cov(np.array(sums).T) / draws if draws > 1 else np.zeros_like(A)
-    scale, inverse = np.sqrt(np.diag(raw)), np.zeros_like(raw)
+    spread = np.cov(np.array(sums).T) / draws if draws > 1 else np.zeros_like(A[0])
+    return error, *_solve(A, raw.sum(axis=0), blocks, spread, free, model.errors)
+
+
+def _solve(
+    A: np.ndarray, raw: np.ndarray, blocks: np.ndarray, spread: np.ndarray, free: np.ndarray, numbers: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Change of theta and its covariance, see `_correct`.
+
+    ``A`` (blocks, n, n), ``blocks`` (blocks, n): matrix and gradient of each; ``raw`` (n, n): the matrix with its
+    noise; ``spread`` (n, n): covariance of the gradient by samples of noise; ``numbers``: entries with sizes of 1.
+    """
+    n, scale = len(raw), np.sqrt(np.diag(raw))
     part = np.flatnonzero(free & (scale > 0.0))
-    at, unit = np.ix_(part, part), np.eye(len(part))
-    both = np.outer(scale[part], scale[part])
-    values, vectors = eigh(A[at] / both, raw[at] / both + RANK * unit)  # 1 where there is no noise
+    at, both = np.ix_(part, part), np.outer(scale[part], scale[part])
+    # 1 where there is no noise
+    values, vectors = eigh(A.sum(axis=0)[at] / both, raw[at] / both + RANK * np.eye(len(part)))
     known = values > LEAST_SIGNAL
-    inverse[at] = (vectors[:, known] / values[known]) @ vectors[:, known].T / both
-    lost = np.eye(len(theta))[:, [k for k in range(len(theta)) if k not in part]]
-    directions = np.zeros((len(theta), int((~known).sum())))
-    directions[part] = vectors[:, ~known] / scale[part, None]
+    directions = np.zeros((n, len(part)))
+    directions[part] = vectors / scale[part, None]
+    found, hidden, values = directions[:, known], directions[:, ~known], values[known]
+    inverse, left = (found / values) @ found.T, np.diag(values) - found.T @ A @ found
+    left_out = np.linalg.solve(left, (blocks @ found)[:, :, None])[:, :, 0] @ found.T
+    lost = np.eye(n)[:, [k for k in range(n) if k not in part]]
     # as large as the number that it moves most
-    directions = directions / np.abs(directions[: model.errors]).max(axis=0, initial=1e-300)
-    unknown = inverse @ spread @ inverse + lost @ lost.T + directions @ directions.T
-    return error, scores, inverse, unknown
+    hidden = hidden / np.abs(hidden[:numbers]).max(axis=0, initial=1e-300)
+    unknown = inverse @ spread @ inverse + lost @ lost.T + hidden @ hidden.T
+    return inverse @ blocks.sum(axis=0), left_out.T @ left_out + unknown
 
 
 def _misfit(error: np.ndarray, measured: np.ndarray) -> float:

@@ -122,11 +122,20 @@ def identify_gears(
 
     def fit(signals: Signals) -> GearFit:
         model = GearModel(equations, sought, signals)
-        return _result(robot, fitted, model, estimate(model, tell))
+        return _result(robot, fitted, model, _estimate(model, tell))
 
     result = fit(signals_of(record, robot.n_m, band_hz))
     final = band_hz is not None or result.status in (GearStatus.FITTED, GearStatus.NOISE)
     return result if final else _in_narrower_bands(result, lambda hz: fit(signals_of(record, robot.n_m, hz)), tell)
+
+
+def _estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
+    """The estimate, again without what friction does at standstill where motors have some."""
+    found = estimate(model, tell)
+    if not model.take_out_standstill(found):
+        return found
+    tell("leaving out what friction does at standstill")
+    return estimate(model, tell)
 
 
 def _refuse_ignored(robot: RobotModel, gears: Sequence[int]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bristled import Bristles, tables
 from gear_records import motor_record, record_in_mujoco, with_noise
 from harmonic import COGGING, ERROR, law_with_sums
 from hysteretic import ARCMIN, SLIPS, Element, Elements, hysteretic, joint_stiffness, law_of_gears, with_lost_motion
@@ -57,10 +58,13 @@ def check_hysteresis(found: flexgen.GearFit) -> None:
 
 @pytest.mark.slow
 def test_noise_that_hides_a_gear_is_not_a_model_error() -> None:
-    """Stiff gears with light rotors: 12 s show the first one through noise of 1e-4 rad, none through 1e-3 rad."""
+    """Stiff gears with light rotors: 12 s show both through noise of 1e-4 rad, poorly through 1e-3 rad."""
     record, model = hysteretic_record("elbow", 12.0, step=5e-4), model_of("elbow")
     found = flexgen.identify_gears(model, with_noise(record, 10 * NOISE), progress=False)
-    assert found.status is GearStatus.NOISE and set(found.sd.values()) == {None}
+    assert found.status in (GearStatus.NOISE, GearStatus.FITTED)
+    for number in found.numbers if found.status is GearStatus.FITTED else ():
+        if number.name.endswith("lost_motion"):
+            assert number.sd > 0.03 * ARCMIN and abs(number.value - ARCMIN) < 3 * number.sd
     found = flexgen.identify_gears(model, with_noise(record, NOISE), progress=False)
     assert found.status is GearStatus.FITTED
     assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=CLOSE)
@@ -105,7 +109,7 @@ def record_of_elements(elements: Sequence[Element], seconds: float) -> flexgen.T
 @pytest.mark.slow
 def test_elements_are_found_one_by_one(tmp_path: Path) -> None:
     """Each within 1 %, their sums within 0.2 %, and written as a list of tables."""
-    record = record_of_elements(SLIPS, 8.0)
+    record = record_of_elements(SLIPS, 9.0)
     found = flexgen.identify_gears(model_of("planar5_nmp"), record, joints=["q1"], elements=3, progress=False)
     assert found.status is GearStatus.FITTED, str(found)
     assert found.values["q1.hysteresis.lost_motion"] == pytest.approx(ARCMIN, rel=2e-3)
@@ -157,6 +161,37 @@ def test_a_record_with_noise_gives_the_loop(seconds: float) -> None:
 def test_noise_in_the_loop_of_the_drives_leaves_the_loop_of_the_gears() -> None:
     """Drives make 10 % of their torques of noise of 1e-4 rad, which shakes the gears above the band of the motion."""
     record = hysteretic_record("planar5_nmp", 20.0, step=5e-4, seed=2, noise=NOISE)
+    check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
+
+
+def sticking_record(seconds: float) -> flexgen.Trajectory:
+    """Of planar5_nmp with 1 arcmin of lost motion, whose motors stick within 1e-3 rad at a Coulomb friction."""
+    pytest.importorskip("mujoco")
+    numbers = {motor: row | {"static": row["coulomb"]} for motor, row in tables("planar5_nmp", 0.3).items()}
+
+    def made(start: np.ndarray) -> tuple[Any, Any]:
+        law, kept = with_lost_motion("planar5_nmp", ARCMIN, start)
+        friction: list[Bristles] = []
+
+        def torques(q_g: Any, v_g: Any, q_m: np.ndarray, v_m: np.ndarray, tau: np.ndarray) -> Any:
+            joints, rotors, given = law(q_g, v_g, q_m, v_m, tau)
+            return joints, rotors - friction[0].torque(q_m, v_m), given
+
+        def keep(q_g: np.ndarray, q_m: np.ndarray) -> None:
+            kept(q_g, q_m)
+            if not friction:  # where the motion begins
+                friction.append(Bristles(numbers, q_m.copy()))
+            friction[0].keep(q_m)
+
+        return torques, keep
+
+    return record_in_mujoco("planar5_nmp", made, seconds)
+
+
+@pytest.mark.slow
+def test_motors_that_stand_still_under_coulomb_friction_leave_the_loop() -> None:
+    """Friction is any torque there; as one that follows the speed alone it was a model error, 2 % of the torques."""
+    record = with_noise(sticking_record(20.0), NOISE)
     check_hysteresis(flexgen.identify_gears(model_of("planar5_nmp"), record, progress=False))
 
 

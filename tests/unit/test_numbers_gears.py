@@ -154,8 +154,8 @@ def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
     weak = theta.copy()
     weak[model.parts + 1] = 0.01
     dropped = fit._drop(model, weak, lower, upper)
-    _, scores, H, unknown = fit._correct(model, theta, white, lower < upper, 2)
-    size = np.where(np.diag(H) > 0.0, np.sqrt(np.diag(H)), 1.0)
+    _, change, covariance = fit._correct(model, theta, white, lower < upper, 2)
+    sd = np.sqrt(np.diag(covariance))
     assert dropped and not fit._drop(model, weak, lower, upper)
     check_numbers(
         "gear_step",
@@ -163,9 +163,9 @@ def test_a_step_with_corrected_normal_equations_is_what_it_was() -> None:
         weights=white(e),
         bounds=np.clip(bounds, -1e3, 1e3),
         theta=weak,
-        scores=scores * size,
-        H=H / np.outer(size, size),
-        unknown=np.sqrt(np.diag(unknown)),
+        change=change / sd,
+        correlation=covariance / np.outer(sd, sd),
+        sd=sd,
     )
 
 
