@@ -124,7 +124,7 @@ def test_limits_that_commands_reach_are_named(monkeypatch: pytest.MonkeyPatch) -
     """Speeds by first differences, accelerations by second ones; where one is reached the samples are fitted again."""
     samples = np.array([[0.0, 0.0], [1.0, 0.5], [3.0, 1.0], [4.0, 1.5]])
     monkeypatch.setattr(command, "fit_samples", lambda B, r: samples)
-    monkeypatch.setattr(command, "fit_within", lambda B, r, period, limits: samples + 1.0)
+    monkeypatch.setattr(command, "fit_within", lambda B, r, period, limits: 0.5 * samples + 1.0)
     names, h, B = ["q1", "q2"], 0.5, None
 
     def fit(speed: Any, acceleration: Any) -> tuple[bool, tuple[str, ...]]:
