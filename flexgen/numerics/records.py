@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtri
 
 from flexgen.errors import ArgumentError
 from flexgen.npz_files import NpzError, read_npz
@@ -23,8 +22,6 @@ COARSE = 4
 TRANSIENT = "a transient remains"  # the words of a warning that withholds intervals
 SURE = 6.0  # standard deviations of a ratio of powers
 SMALLEST = 1e-4  # transient over signal
-RARE = 1e-4  # chance that noise is taken for a transient
-VISIBLE = 10.0  # power of the first difference over that of the others: a smaller transient leaves less than the noise
 NARROW = 3.0  # bins: half the width of a transient that local polynomials do not resolve; one of 2.7 left 3 deviations
 
 
@@ -64,25 +61,19 @@ def slow_transients(X: np.ndarray) -> np.ndarray:
 
     A transient that is multiplied by r in a period has half the width ``-ln |r| / (2 pi T)`` in the spectrum:
     polynomials through the bins of a record of P periods, 1/(P T) apart, do not see one that is narrow. |r| is that of
-    the differences of the periods, where the first is far above the others or |r| is more than the 1/2 of noise. Where
-    a few lines alone show it, those of a resonance, it is that of each of them.
+    the differences of the periods, where the first ones are larger or |r| is more than the 1/2 of noise.
     """
     D = np.diff(X.reshape(-1, *X.shape[-3:]), axis=1)
     if D.shape[1] < 2:
         return np.zeros(X.shape[-1], bool)
-    powers = (np.abs(D) ** 2).mean(axis=0)  # (differences, lines, c)
-    power = powers.mean(axis=0)
+    power = (np.abs(D) ** 2).mean(axis=(0, 1))  # (lines, c)
     each, pairs = power.sum(axis=0), D.shape[0] * (D.shape[1] - 1)
     kept = np.abs((D[:, 1:] * D[:, :-1].conj()).sum(axis=(0, 1, 2))) / np.maximum(pairs * each, 1e-300)
     count = pairs * each**2 / np.maximum((power**2).sum(axis=0), 1e-300)
     alike = kept > 0.5 + SURE / np.sqrt(np.maximum(count, 1))
-    size = (np.abs(X) ** 2).reshape(-1, *X.shape[-2:]).mean(axis=0)  # (lines, c)
-    alike &= power.mean(axis=0) > SMALLEST**2 * size.mean(axis=0)
-    least = np.exp(-2 * np.pi * NARROW / X.shape[-3])
-    at_lines = powers[1:].mean(axis=0) / np.maximum(powers[0], 1e-300)  # |r|^2 at most: it has the noise too
-    far = fdtri(2 * len(D), 2 * len(D) * (len(powers) - 1), 1 - RARE / at_lines.size)
-    narrow = (at_lines < 1 / np.maximum(far, VISIBLE)) & (at_lines > least**2) & (powers[0] > SMALLEST**2 * size)
-    return np.asarray(alike | np.where(first_period_excess(X) > VISIBLE, kept > least, narrow.any(axis=0)))
+    alike &= power.mean(axis=0) > SMALLEST**2 * (np.abs(X) ** 2).reshape(-1, X.shape[-1]).mean(axis=0)
+    narrow = -X.shape[-3] * np.log(np.maximum(kept, 1e-300)) < 2 * np.pi * NARROW
+    return np.asarray(alike | ((first_period_excess(X) > 1.0) & narrow))
 
 
 def read_named(file: Path, size_max: int) -> dict[str, Any]:

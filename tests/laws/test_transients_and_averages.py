@@ -64,17 +64,6 @@ def test_a_transient_that_is_too_slow_to_be_removed_is_stated() -> None:
             ] * (found)
 
 
-def test_a_transient_at_a_resonance_alone_is_stated() -> None:
-    """At 37 Hz of 3 to 67 Hz: 85 % of the 95 % intervals of 60 such fits held, and 94 % after one period more."""
-    quiet = DriveHardware(5e-4, encoder_noise_rad=1e-5, torque_noise_Nm=0.02)
-    plan = flexgen.excite("elbow", poses=4, period_s=1.0, lines=40, speed_rms=0.03, hardware=quiet)
-    for periods, found in ((1, True), (2, False)):
-        for seed in (1, 2):
-            experiment = flexgen.measure(replace(plan, transients=periods), seed=seed, progress=False)
-            said = [x for x in flexgen.frf(experiment).warnings if "a transient remains: in the angle of m" in x]
-            assert len(said) == found
-
-
 @pytest.mark.slow
 def test_a_removal_with_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     experiment, truth = unsettled(DriveHardware(5e-4))
