@@ -47,14 +47,16 @@ def accuracy_of(problem: Problem, found: Minimum) -> Accuracy:
     g = slopes.leave_out_each(free, inverse)
     first = inverse @ (g.T @ g + np.diag(problem.precision[free])) @ inverse
     covariance = np.zeros(matrix.shape)
-    covariance[inner] = first + _of_bends(problem, found, slopes, free, first)
+    covariance[inner] = first + _of_bends(problem, found, slopes, free, inverse, first)
     everything = np.linalg.inv(matrix)
     sd = np.sqrt(np.maximum(np.diag(everything), 1e-300))
     return Accuracy(covariance, np.where(free, 0.0, -everything @ slopes.whole / sd))
 
 
-def _of_bends(problem: Problem, found: Minimum, slopes: Slopes, free: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """``E[w w']`` of the free numbers, from draws with their covariance to first order."""
+def _of_bends(
+    problem: Problem, found: Minimum, slopes: Slopes, free: np.ndarray, inverse: np.ndarray, covariance: np.ndarray
+) -> np.ndarray:
+    """``E[w w']`` of the free numbers, from draws with their covariance to first order; ``inverse``: H^-1."""
     sd = np.sqrt(np.diag(covariance))
     variances, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
     widths = variances / np.sqrt(np.abs(variances) + ROUNDING)  # roots; smooth at zero, where rounding has any sign
@@ -69,5 +71,5 @@ def _of_bends(problem: Problem, found: Minimum, slopes: Slopes, free: np.ndarray
             continue  # so far that the springs do not carry the arm
     if not bends:
         return np.zeros(covariance.shape)
-    w = -0.5 * np.linalg.solve(problem.curvature(slopes)[np.ix_(free, free)], np.transpose(bends))
+    w = -0.5 * inverse @ np.transpose(bends)
     return np.asarray(w @ w.T / w.shape[1])
