@@ -270,10 +270,8 @@ class Statics:
         """``T' H`` (poses, n_E, columns): slopes of the loads of the elastic coordinates in the values of nodes."""
         carries, rows, n = self.tree.carries, self.rows, len(self.elastic)
         is_carried, carried_by = carries[np.ix_(rows, columns)], carries[np.ix_(columns, rows)].T
-        a, b = (
-            np.swapaxes(loads.crossed[:, some], 0, 1),
-            np.moveaxis(loads.shift[:, some], 0, 2),
-        )  # (., n, 3), (., 3, n)
+        a = np.swapaxes(loads.crossed[:, some], 0, 1)  # (., n, 3)
+        b = np.moveaxis(loads.shift[:, some], 0, 2)  # (., 3, n)
         H = a[:, rows] @ b[:, :, columns]
         carrying = np.swapaxes(H if columns is rows else a[:, columns] @ b[:, :, rows], 1, 2)
         H, carrying = H * is_carried.astype(float), carrying * (carried_by & ~is_carried).astype(float)
