@@ -131,14 +131,12 @@ class Plan(ArrayResult):
         """Deviation of the motor angles from the pose over one period [rad], (samples, n_m)."""
         realization = count_of("realization", realization, self.realizations - 1, 0)
         experiment = count_of("experiment", experiment, self.experiments - 1, 0)
-        w = 2 * np.pi * self.frequencies
-        t = np.arange(self.samples) * self.hardware.sample_s
         turn = 2 * np.pi * np.arange(len(self.motors)) * experiment / self.experiments
-        phase = self.phases[realization] + turn
-        out = np.zeros((len(t), len(self.motors)))
-        for line in range(len(w)):  # angles are integrals of the speeds: sin(w t + phi) A / w
-            out += self.amplitudes[line] / w[line] * np.sin(w[line] * t[:, None] + phase[line])
-        return out
+        X = np.zeros((self.samples // 2 + 1, len(self.motors)), complex)
+        # angles are integrals of the speeds: sin(w t + phi) A / w
+        X[self.lines] = -1j * np.exp(1j * (self.phases[realization] + turn)) * self.amplitudes
+        X[self.lines] /= 2 * np.pi * self.frequencies[:, None]
+        return np.asarray(self.samples / 2 * np.fft.irfft(X, self.samples, axis=0))
 
     def write_references(self, folder: str | Path) -> tuple[Path, ...]:
         """Write one period of the references of each experiment, for the drives of a real robot.
