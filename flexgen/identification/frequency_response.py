@@ -25,7 +25,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.average_names import AverageName
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.loop.controllers import Cascade
-from flexgen.numerics.records import TRANSIENT, first_period_excess, slow_transients
+from flexgen.numerics.records import TRANSIENT, first_period_differs, first_period_excess, slow_transients
 from flexgen.numerics.response_estimates import estimate
 from flexgen.numerics.spectra import without_transients
 from flexgen.results import ArrayResult
@@ -244,6 +244,7 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
     (1, 10, 2, 2)
     """
     _check(experiment, average, transients)
+    experiment, left_out = _without_transient_period(experiment)
     plan = experiment.plan
     w = 2 * np.pi * plan.frequencies
     n = len(plan.motors)
@@ -252,7 +253,7 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
     spread, noise_periods = 1.0, 1
     if experiment.periodic:
         warnings = () if transients else _check_repeats(Y[..., :n, :], experiment.source)
-        warnings += _check_transients(experiment)
+        warnings += left_out + _check_transients(experiment)
     else:
         average, spread = "h1", OVERLAP
         warnings = (
@@ -398,12 +399,29 @@ def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
     return tuple(warnings)
 
 
+def _without_transient_period(experiment: Experiment) -> tuple[Experiment, tuple[str, ...]]:
+    """The experiment without its first period where a transient is in it, and a line about it.
+
+    Polynomials leave a part of one that decays within a period, alike in all experiments.
+    """
+    differs = first_period_differs(experiment.tau_m, experiment.q_m)
+    if experiment.beside is None or experiment.beside_later is None or not differs.any():
+        return experiment, ()
+    plan, signals = experiment.plan, experiment.signals
+    later = replace(plan, periods=plan.periods - 1, transients=plan.transients + 1)
+    return replace(
+        experiment, plan=later, tau_m=experiment.tau_m[:, :, :, 1:], q_m=experiment.q_m[:, :, :, 1:],
+        signals=None if signals is None else signals[:, :, :, 1:], offsets=experiment.offsets_later,
+        beside=experiment.beside_later, offsets_later=None, beside_later=None,
+    ), (f"a transient is in the first of {plan.periods} periods; it is left out",)  # fmt: skip
+
+
 def _check_transients(experiment: Experiment) -> tuple[str, ...]:
-    """A warning where a transient is in the first period; spectra beside the lines remove all but a slow one."""
+    """A warning where a transient is in the first period that is used, or in all of them."""
     motors, more = experiment.plan.motors, "leave out more transient periods"
     if experiment.beside is not None:
-        slow = np.flatnonzero(slow_transients(experiment.q_m))
-        return (f"{TRANSIENT}: in the angle of {motors[slow[0]]}, too slow to be removed; {more}",) if slow.size else ()
+        found = np.flatnonzero(first_period_differs(experiment.tau_m, experiment.q_m) | slow_transients(experiment.q_m))
+        return tuple(f"{TRANSIENT}: in the motion of {motors[i]}; {more}" for i in found[:1])
     excess = first_period_excess(experiment.tau_m)
     first = f"the first periods of the torque of {motors[int(excess.argmax())]} differ by {excess.max():.2g} times the"
     text = f"{TRANSIENT}: {first} power of later ones; {more}, or remove it (transients=True, --transients)"

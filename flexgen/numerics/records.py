@@ -22,7 +22,6 @@ COARSE = 4
 TRANSIENT = "a transient remains"  # the words of a warning that withholds intervals
 SURE = 6.0  # standard deviations of a ratio of powers
 SMALLEST = 1e-4  # transient over signal
-NARROW = 3.0  # bins: half the width of a transient that local polynomials do not resolve; one of 2.7 left 3 deviations
 
 
 def lost_samples(x: np.ndarray) -> np.ndarray:
@@ -56,13 +55,13 @@ def first_period_excess(X: np.ndarray) -> np.ndarray:
     return np.asarray(np.where((ratio > 1 + SURE * np.sqrt(4 / np.maximum(count, 1))) & large, ratio, 1.0))
 
 
-def slow_transients(X: np.ndarray) -> np.ndarray:
-    """Where (c,) a transient decays too slowly to be removed by local polynomials.
+def first_period_differs(*signals: np.ndarray) -> np.ndarray:
+    """Where (c,) the first period of one of the signals differs from the others."""
+    return np.asarray(np.any([first_period_excess(X) > 1.0 for X in signals], axis=0))
 
-    A transient that is multiplied by r in a period has half the width ``-ln |r| / (2 pi T)`` in the spectrum:
-    polynomials through the bins of a record of P periods, 1/(P T) apart, do not see one that is narrow. |r| is that of
-    the differences of the periods, where the first ones are larger or |r| is more than the 1/2 of noise.
-    """
+
+def slow_transients(X: np.ndarray) -> np.ndarray:
+    """Where (c,) a transient is in all periods: differences shrink by a factor r, |r| above the 1/2 of noise."""
     D = np.diff(X.reshape(-1, *X.shape[-3:]), axis=1)
     if D.shape[1] < 2:
         return np.zeros(X.shape[-1], bool)
@@ -70,10 +69,8 @@ def slow_transients(X: np.ndarray) -> np.ndarray:
     each, pairs = power.sum(axis=0), D.shape[0] * (D.shape[1] - 1)
     kept = np.abs((D[:, 1:] * D[:, :-1].conj()).sum(axis=(0, 1, 2))) / np.maximum(pairs * each, 1e-300)
     count = pairs * each**2 / np.maximum((power**2).sum(axis=0), 1e-300)
-    alike = kept > 0.5 + SURE / np.sqrt(np.maximum(count, 1))
-    alike &= power.mean(axis=0) > SMALLEST**2 * (np.abs(X) ** 2).reshape(-1, X.shape[-1]).mean(axis=0)
-    narrow = -X.shape[-3] * np.log(np.maximum(kept, 1e-300)) < 2 * np.pi * NARROW
-    return np.asarray(alike | ((first_period_excess(X) > 1.0) & narrow))
+    large = power.mean(axis=0) > SMALLEST**2 * (np.abs(X) ** 2).reshape(-1, X.shape[-1]).mean(axis=0)
+    return np.asarray((kept > 0.5 + SURE / np.sqrt(np.maximum(count, 1))) & large)
 
 
 def read_named(file: Path, size_max: int) -> dict[str, Any]:

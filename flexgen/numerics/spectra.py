@@ -11,13 +11,17 @@ Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from flexgen.errors import ArgumentError
 
 MOST_OFFSETS = 4  # on each side of a line
+SPECTRA_BESIDE = ("offsets", "beside", "offsets_later", "beside_later")
+LEAST_LATER = 3  # periods of a record without its first, so that they can be compared
 DEGREE = 2  # of the polynomial, with six offsets or more; else 1
 
 
@@ -73,6 +77,49 @@ def spectra_beside(x: np.ndarray, lines: np.ndarray, offsets: np.ndarray, period
         found = 2.0 / len(x) * np.fft.fft(x * turn[:, None], axis=0)
         out[at[d]], out[at[-d]] = found[lines], found[-lines].conj()
     return out / periods
+
+
+def records_beside(lines: np.ndarray, periods: int) -> dict[str, tuple[int, np.ndarray]]:
+    """First period, from 0, and `line_offsets` of the whole record, and of the one without its first period ("_later").
+
+    The second only where `LEAST_LATER` periods are left. The names are ends of `SPECTRA_BESIDE`.
+
+    Raises
+    ------
+    ArgumentError
+        As `line_offsets`, of the whole record.
+    """
+    out = {"": (0, line_offsets(lines, periods))}
+    if periods > LEAST_LATER:
+        with suppress(ArgumentError):
+            out["_later"] = 1, line_offsets(lines, periods - 1)
+    return out
+
+
+def all_spectra_beside(x: np.ndarray, lines: np.ndarray) -> dict[str, Any]:
+    """Arrays named as in `SPECTRA_BESIDE` of x (poses, experiments, periods, samples, n); none: too few periods."""
+    out: dict[str, Any] = {}
+    with suppress(ArgumentError):
+        for end, (first, offsets) in records_beside(lines, x.shape[2]).items():
+            part = x[:, :, first:].reshape(*x.shape[:2], -1, x.shape[-1])
+            at = (x.shape[2] - first) * lines[None, :] + offsets[:, None]
+            found = 2.0 / part.shape[2] * np.fft.fft(part, axis=2)[:, :, at]
+            out |= {f"offsets{end}": offsets, f"beside{end}": found[:, None]}
+    return out
+
+
+def checked_beside(arrays: dict[str, np.ndarray], runs: tuple[int, ...], last: tuple[int, ...]) -> dict[str, Any]:
+    """The arrays `SPECTRA_BESIDE` of a file, (*runs, offsets, *last); ValueError where they have other sizes."""
+    out: dict[str, Any] = {name: arrays[name] for name in SPECTRA_BESIDE if name in arrays}
+    for names in (SPECTRA_BESIDE[:2], SPECTRA_BESIDE[2:]):
+        offsets, beside = (out.get(name) for name in names)
+        if (offsets is None) != (beside is None):
+            raise ValueError(f"{', '.join(names)}: expected both or none")
+        if offsets is not None and beside is not None:
+            if offsets.ndim != 1 or beside.shape != (*runs, len(offsets), *last):
+                raise ValueError(f"{', '.join(names)}: arrays of different sizes")
+            out[names[0]] = offsets.astype(int)
+    return out
 
 
 @dataclass(frozen=True)

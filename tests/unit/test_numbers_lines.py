@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings import experiment_file
 from flexgen.identification.recordings.experiment_file import EXCITED, REFERENCE
-from flexgen.numerics.spectra import MOST_OFFSETS, line_offsets
+from flexgen.numerics.spectra import MOST_OFFSETS, all_spectra_beside, line_offsets
 
 
 class Root:
@@ -90,8 +90,8 @@ def test_spectra_next_to_lines_are_those_of_the_whole_record() -> None:
     """Amplitudes of unexcited frequencies around each line; none where there are too few periods."""
     rng, lines, periods, samples = np.random.default_rng(1), np.array([2, 5]), 4, 16
     x = rng.normal(size=(1, 2, periods, samples, 3))
-    offsets, found = experiment_file._beside_lines(x, lines)
-    assert offsets is not None and found is not None
+    kept = all_spectra_beside(x, lines)
+    offsets, found = kept["offsets"], kept["beside"]
     assert 0 not in offsets % periods and found.shape == (1, 1, 2, len(offsets), 2, 3)
     whole = x.reshape(1, 2, periods * samples, 3)
     t = np.arange(periods * samples) / (periods * samples)
@@ -100,7 +100,10 @@ def test_spectra_next_to_lines_are_those_of_the_whole_record() -> None:
             wave = np.exp(-2j * np.pi * (periods * line + d) * t)
             expected = 2 * np.einsum("t,petc->pec", wave, whole) / len(t)
             assert_allclose(found[:, 0, :, k, j], expected, atol=1e-12)
-    assert experiment_file._beside_lines(x[:, :, :1], lines) == (None, None)
+    later = all_spectra_beside(x[:, :, 1:], lines)  # three periods have no record without the first
+    assert set(later) == {"offsets", "beside"} and all_spectra_beside(x[:, :, :1], lines) == {}
+    assert_allclose(kept["offsets_later"], later["offsets"])
+    assert_allclose(kept["beside_later"], later["beside"], atol=1e-14)
 
 
 def test_unexcited_frequencies_lie_between_the_lines() -> None:

@@ -26,7 +26,7 @@ from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Samples, integration_steps
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.numerics.spectra import line_offsets, spectra_beside, spectrum
+from flexgen.numerics.spectra import SPECTRA_BESIDE, checked_beside, records_beside, spectra_beside, spectrum
 from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.progress import Choice, reported
 from flexgen.results import ArrayResult
@@ -36,7 +36,7 @@ from flexgen.type_checks import checked_result, checked_types
 LARGEST = 1e100  # of a spectrum in a file
 HOLDS = ("zoh", "none")
 LANES = 48  # robots that are simulated together
-FINER = 4.0  # than in other simulations: the step shifts a resonance by less than noise does
+FINER = 16.0  # than in other simulations: the step shifts a resonance by less than noise does
 
 
 @checked_result
@@ -63,6 +63,8 @@ class Experiment(ArrayResult):
         Of the sensor channels ``plan.sensors``, SI units.
     offsets, beside : arrays (offsets,), (k, realizations, experiments, offsets, lines, 2 n_m + channels), or None
         Spectra of torques, angles and signals of the whole record beside the lines, see `spectra`; None: not kept.
+    offsets_later, beside_later : the same
+        Of the record without its first period, for a transient there; None: fewer than three periods are left.
     orders : tuple of int or None
         Time derivatives from each sensor channel to an acceleration.
     periodic : bool
@@ -96,6 +98,8 @@ class Experiment(ArrayResult):
     periodic: bool = True
     references: np.ndarray | None = None
     lines_by_torque: bool = False
+    offsets_later: np.ndarray | None = None
+    beside_later: np.ndarray | None = None
 
     def reference(self, pose: int, realization: int, experiment: int) -> np.ndarray:
         """Reference of the motor angles over one period [rad], (samples, n_m)."""
@@ -113,7 +117,7 @@ class Experiment(ArrayResult):
         """Arrays and other data of a file."""
         arrays, meta = self.plan.data()
         own = {"tau_m": self.tau_m, "q_m": self.q_m, "speed_sd": self.speed_sd, "saturated": self.saturated}
-        more = {name: getattr(self, name) for name in ("signals", "offsets", "beside", "references")}
+        more = {name: getattr(self, name) for name in ("signals", "references", *SPECTRA_BESIDE)}
         own |= {name: x for name, x in more.items() if x is not None}
         return arrays | own, {
             **meta,
@@ -138,22 +142,17 @@ class Experiment(ArrayResult):
             raise ValueError("arrays of different sizes")
         if tau_m.shape[3] != plan.periods or meta["hold"] not in HOLDS or tau_m.size == 0:
             raise ValueError(f"periods and hold: expected {plan.periods} and one of {', '.join(HOLDS)}")
-        for name in ("tau_m", "q_m", "signals", "beside"):
+        for name in ("tau_m", "q_m", "signals", *SPECTRA_BESIDE[1::2]):
             if name in arrays and np.abs(arrays[name]).max(initial=0.0) > LARGEST:
                 raise ValueError(f"{name}: expected numbers up to {LARGEST:g}")
-        signals, offsets, beside = (arrays.get(name) for name in ("signals", "offsets", "beside"))
+        signals = arrays.get("signals")
         c = len(plan.sensors)
         if (signals is None) != (c == 0) or (signals is not None and signals.shape != (*given[:-1], c)):
             raise ValueError(f"signals: expected those of {c} sensor channels")
         orders = tuple(map(int, meta.get("orders") or ())) or None
         if (0 if orders is None else len(orders)) != c or not set(orders or ()) <= {0, 1, 2}:
             raise ValueError(f"orders: expected {c} numbers from 0 to 2")
-        if (offsets is None) != (beside is None):
-            raise ValueError("offsets, beside: expected both or none")
-        if offsets is not None and beside is not None:
-            if offsets.ndim != 1 or beside.shape != (*given[:3], len(offsets), lines, 2 * n + c):
-                raise ValueError("offsets, beside: arrays of different sizes")
-            offsets = offsets.astype(int)
+        kept = checked_beside(arrays, given[:3], (lines, 2 * n + c))
         references = arrays.get("references")
         if references is not None and references.shape != (*given[:3], plan.samples, n):
             raise ValueError("references: expected a period of each experiment")
@@ -161,8 +160,9 @@ class Experiment(ArrayResult):
         filters = tuple(kinds[str(f[0])](*map(float, f[1:])) for f in meta.get("filters", ()))
         plan = replace(plan, controller=replace(plan.controller, filters=filters))
         return cls(
-            plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]), signals, offsets, beside,
-            orders, bool(meta.get("periodic", True)), references, bool(meta.get("lines_by_torque", False)),
+            plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]), signals, orders=orders,
+            periodic=bool(meta.get("periodic", True)), references=references,
+            lines_by_torque=bool(meta.get("lines_by_torque", False)), **kept,
         )  # fmt: skip
 
 
@@ -188,7 +188,7 @@ def measure(
     seed : int
         Of the noise.
     steps : int, optional
-        Integration steps in a sample; default: at most 0.25 over the fastest eigenvalue.
+        Integration steps in a sample; default: at most 1/16 over the fastest eigenvalue.
     beside : bool
         An error where there are too few periods for the spectra beside the lines, by which `frf` removes transients.
     raw : callable, optional
@@ -252,8 +252,9 @@ def measure(
     w = 2 * np.pi * plan.frequencies
     speed = np.sqrt((np.abs(w[:, None] * kept.q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
     return Experiment(
-        plan, kept.tau_m, kept.q_m, speed, saturated, f"simulation of {robot.name}", "zoh", kept.signals, kept.offsets,
-        kept.beside, tuple(output_orders(robot, plan.sensors)[robot.n_m :].tolist()) if plan.sensors else None,
+        plan, kept.tau_m, kept.q_m, speed, saturated, f"simulation of {robot.name}", "zoh", kept.signals,
+        orders=tuple(output_orders(robot, plan.sensors)[robot.n_m :].tolist()) if plan.sensors else None,
+        **kept.beside,
     )  # fmt: skip
 
 
@@ -266,16 +267,19 @@ class _Spectra:
         shape = (*runs, plan.periods, len(plan.lines))
         self.tau_m, self.q_m = np.empty((*shape, n), complex), np.empty((*shape, n), complex)
         self.signals = np.empty((*shape, c), complex) if c else None
-        self.offsets: np.ndarray | None = None
-        self.beside: np.ndarray | None = None
+        self._records: dict[str, tuple[int, np.ndarray]] = {}
         try:
             if sensors is not None and max(sensors.steps) > 1:
                 raise ArgumentError("transients: given sensors that are slower than the drives, expected none of them")
-            self.offsets = line_offsets(plan.lines, plan.periods)
-            self.beside = np.zeros((*runs, len(self.offsets), len(plan.lines), 2 * n + c), complex)
+            self._records = records_beside(plan.lines, plan.periods)
         except ArgumentError:
             if beside:
                 raise
+        last = len(plan.lines), 2 * n + c
+        self.beside: dict[str, Any] = {f"offsets{end}": at for end, (_, at) in self._records.items()}
+        self.beside |= {
+            f"beside{end}": np.zeros((*runs, len(at), *last), complex) for end, (_, at) in self._records.items()
+        }
         late = np.zeros(0) if sensors is None else sensors.delays
         self._turn = np.exp(-2j * np.pi * plan.frequencies[:, None] * late)
 
@@ -294,11 +298,12 @@ class _Spectra:
                 for c, step in enumerate(self.sensors.steps):
                     self.signals[*run, period, :, c] = spectrum(signals[::step, lane, c : c + 1], lines)[:, 0]
                 self.signals[*run, period] *= self._turn
-            if self.offsets is not None and self.beside is not None:
-                x = np.hstack([samples.tau_m[:, lane], samples.q_m[:, lane], signals[:, lane]])
-                found = spectra_beside(x, lines, self.offsets, period, self.plan.periods)
-                found[..., x.shape[1] - signals.shape[2] :] *= self._turn
-                self.beside[run] += found
+            x = np.hstack([samples.tau_m[:, lane], samples.q_m[:, lane], signals[:, lane]])
+            for end, (first, offsets) in self._records.items():
+                if period >= first:
+                    found = spectra_beside(x, lines, offsets, period - first, self.plan.periods - first)
+                    found[..., x.shape[1] - signals.shape[2] :] *= self._turn
+                    self.beside[f"beside{end}"][run] += found
         return (samples.q_m, samples.tau_m, signals) if keep else (empty, empty, empty)
 
 

@@ -18,7 +18,7 @@ from flexgen.identification.experiments.experiment import HOLDS, Experiment
 from flexgen.identification.recordings.description import Description, Recording, is_description, read_description
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
-from flexgen.numerics.spectra import line_offsets, spectrum, windowed_spectrum
+from flexgen.numerics.spectra import all_spectra_beside, spectrum, windowed_spectrum
 from flexgen.paths.joint_limits import beyond_range
 from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.position_servo.keys import LOW_PASS, NOTCH
@@ -113,7 +113,7 @@ def _experiment(found: Description, poses: dict[tuple[float, ...], list[tuple[np
     tau_m, q_m, sensed = (
         np.array([[[[transformed(p, lines) for p in run] for run in runs]] for runs in x]) for x in (tau, q, signals)
     )
-    offsets, beside = _beside_lines(np.concatenate([tau, q, signals], axis=-1), lines) if periodic else (None, None)
+    beside = all_spectra_beside(np.concatenate([tau, q, signals], axis=-1), lines) if periodic else {}
     w = 2 * np.pi * lines / period
     speed = np.sqrt((np.abs(w[:, None] * q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
     n = model.n_m
@@ -137,9 +137,10 @@ def _experiment(found: Description, poses: dict[tuple[float, ...], list[tuple[np
     orders = tuple(output_orders(model, sensors)[n:].tolist()) if sensors else None
     return Experiment(
         plan, tau_m, q_m, speed, np.zeros(len(poses), np.int64), str(found.source), hold,
-        sensed if sensors else None, offsets, beside, orders, periodic,
-        references.mean(axis=2)[:, None] if references.shape[-1] else None,
-        periodic and not references.shape[-1] and "line_numbers" not in root and _choice_of_lines(root) == LINES[0],
+        sensed if sensors else None, orders=orders, periodic=periodic,
+        references=references.mean(axis=2)[:, None] if references.shape[-1] else None,
+        lines_by_torque=periodic and not references.shape[-1] and "line_numbers" not in root
+        and _choice_of_lines(root) == LINES[0], **beside,
     )  # fmt: skip
 
 
@@ -171,18 +172,6 @@ def load_experiment(path: str | Path, progress: Callable[[str], None] | None = N
     if progress is not None:
         progress(f"reading the recordings of {path}")
     return read_experiment(path)
-
-
-def _beside_lines(x: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Offsets and spectra beside the lines of x (poses, experiments, periods, samples, n); None: too few periods."""
-    periods, samples = x.shape[2:4]
-    try:
-        offsets = line_offsets(lines, periods)
-    except ArgumentError:
-        return None, None
-    whole = 2.0 / (periods * samples) * np.fft.fft(x.reshape(*x.shape[:2], periods * samples, -1), axis=2)
-    at = periods * lines[None, :] + offsets[:, None]
-    return offsets, whole[:, :, at][:, None]
 
 
 def _choice_of_lines(root: Table) -> str:
