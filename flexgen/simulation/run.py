@@ -128,11 +128,9 @@ def rates_of(
         motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
         u = given(instant)
         tau = u[:n_m] if feedback is None else u[:n_m] + feedback.torque(x, x[own:], u[n_m : 3 * n_m])[0]
-        more = [u[3 * n_m :]] if pushed else []
-        A, B = (
-            np.array(each)
-            for each in equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, tau, *more)
-        )
+        state = (x[:n_a], x[n : n + n_a], motors, speeds, tau, u[3 * n_m :])
+        linear = equations.function("linearize")  # has a force only where the directions of the tool's motion turn
+        A, B = (np.array(each) for each in linear(*state[: linear.n_in()]))
         out = np.zeros((len(x), len(x)))
         out[: 2 * n, : 2 * n] = A
         if own > 2 * n + 2 or equations.contact is not None:  # torques of hysteresis and bristles, a wall

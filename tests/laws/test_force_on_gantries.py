@@ -1,0 +1,69 @@
+"""A force on the tool of a gantry, against the closed form of a mass on a spring.
+
+m a - F = K d,     q_m = n (x + d),     tau_m = J q_m'' + K d/n
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import flexgen
+
+MASS, STIFFNESS, RATIO, ROTOR = 80.0, 2e6, 300.0, 1e-3
+SIZE, DURATION = 150.0, 0.5
+GANTRY = f"""
+name = "gantry"
+gravity = [0.0, 0.0, -9.81]
+home_rad = [0.0]
+[[element]]
+name = "bridge"
+body = {{ mass = {MASS}, inertia = [1, 1, 1] }}
+[[element.dof]]
+name = "x"
+type = "translation"
+axis = [1, 0, 0]
+gear = {{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {STIFFNESS} }} }}
+[[motor]]
+name = "m1"
+drives = "x"
+ratio = {RATIO}
+inertia = {ROTOR}
+[output]
+type = "tool_position"
+axes = "x"
+[[move]]
+name = "there"
+type = "joint"
+start_rad = [0.0]
+end_rad = [0.3]
+duration = {DURATION}
+smoothness = 5
+"""
+
+
+def pushing(t: np.ndarray) -> np.ndarray:
+    """SIZE sin^6(pi t/T) along x [N]."""
+    return np.outer(SIZE * np.sin(np.pi * np.clip(t / DURATION, 0.0, 1.0)) ** 6, [1.0, 0.0, 0.0])
+
+
+def test_the_torques_of_a_gantry_under_a_force(tmp_path):
+    file = tmp_path / "gantry.toml"
+    file.write_text(GANTRY)
+    solution = flexgen.solve(file, force=pushing, progress=False)
+    assert solution.status and solution.tool_error_max_m < 1e-8
+    path = np.polynomial.Polynomial(0.3 * bell())
+    t = np.linspace(0.0, DURATION, 801)
+    s, w = t / DURATION, np.pi / DURATION
+    a, jounce = path.deriv(2)(s) / DURATION**2, path.deriv(4)(s) / DURATION**4
+    sin, cos = np.sin(w * t), np.cos(w * t)
+    F, ddF = SIZE * sin**6, SIZE * w**2 * (30 * sin**4 * cos**2 - 6 * sin**6)
+    expected = ROTOR * RATIO * (a + (MASS * jounce - ddF) / STIFFNESS) + (MASS * a - F) / RATIO
+    found = solution.trajectory.at(t)["tau_m"][:, 0]
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def bell() -> np.ndarray:
+    """The polynomial from 0 to 1 whose first five derivatives vanish at both ends: its slope is as (s (1 - s))^5."""
+    slope = (np.polynomial.Polynomial([0, 1]) * np.polynomial.Polynomial([1, -1])) ** 5
+    rise = slope.integ()
+    return rise.coef / rise(1.0)
