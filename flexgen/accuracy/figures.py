@@ -44,7 +44,8 @@ class PathAccuracy(Result):
     """Figures of robots that follow one path, as data sheets state them.
 
     A figure is None where it is not defined: repeatabilities of one robot, figures of the path where the reference does
-    not move, and a settling time where a robot leaves the band in the later half of the time after the path.
+    not move, offsets from the path of an output with one axis, which no plane crosses, and a settling time where a
+    robot leaves the band in the later half of the time after the path.
 
     Attributes
     ----------
@@ -252,6 +253,7 @@ def path_accuracy(
     passing: list[np.ndarray] = []
     if moving.any():
         passing = [_passing(time, reference, commanded, moving, p) for p in attained]
+    if passing and reference.shape[1] > 1:  # of one axis every robot is on the path
         d = np.array(
             [_offsets(time, reference, commanded, moving, *each) for each in zip(attained, passing, strict=True)]
         )

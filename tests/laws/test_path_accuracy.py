@@ -190,6 +190,17 @@ def test_figures_of_a_reference_at_rest_are_not_stated() -> None:
         judged(circle(TIME), band=-1)
 
 
+def test_an_output_with_one_axis_has_no_offsets_from_its_path() -> None:
+    """A robot that is a tenth too far is on the line of one axis: only its end and its speed show it."""
+    line = circle(TIME)[:, :1]
+    found = path_accuracy(TIME, line, np.array([1.1 * line, line]), END, robots=("far", "right"))
+    assert found.path_accuracy is None and found.path_repeatability is None and found.path_errors == (None, None)
+    assert found.pose_accuracy == pytest.approx(0.005) and found.speed_accuracy == pytest.approx(0.05)
+    assert found.robot_rows()[0][1] == "-" and "path accuracy AT" not in dict(found.rows())
+    run = flexgen.control("four_mass", plants={"soft": {"stiffness": 0.9}})
+    assert run.accuracy().path_accuracy is None and run.to_dict()["accuracy"]["path_accuracy_m"] is None
+
+
 def test_a_closed_loop_states_the_figures_of_its_robots() -> None:
     run = flexgen.control("elbow", plants={"soft": {"stiffness": 0.8}, "stiff": {"stiffness": 1.25}}, progress=False)
     found = run.accuracy(band=2e-5)
