@@ -71,7 +71,7 @@ class FastestMove(Result):
         Of the path, of the path as given, and the lower bound of a rigid robot.
     vibration : dict
         Largest vibration after the path of robots with less and more stiffness, of the new motion, by name, in
-        `unit`.
+        `unit`; empty for a robot without springs.
     default_vibration : dict
         The same of the move as it was given.
     excess : float
@@ -148,6 +148,10 @@ class FastestMove(Result):
         margin = ", ".join(f"{x:.3g}" for x in self.margin)
         assumed = filter(None, [", ".join(f"{name} {x:.3g}" for name, x in self.assumed.items())])
         shorter = 100 * (1 - self.duration_s / self.default_s)
+        swings = ", ".join(
+            f"{name}: {format_size(x, self.unit)} ({format_size(self.default_vibration[name], self.unit)} as given)"
+            for name, x in self.vibration.items()
+        )
         return "\n".join(
             [
                 f"{self.solution.model.name}, move {self.move.name}: {self.duration_s:.4f} s instead of "
@@ -156,12 +160,7 @@ class FastestMove(Result):
                 f"  a rigid robot whose torques may jump needs {self.rigid_s:.4f} s",
                 f"  limits kept to {max(self.excess, 0):.1e}, {self.programs} programs, {self.inversions} inversions, "
                 f"{self.cpu_s:.2g} s of processor time",
-                "  vibration after the path, "
-                + ", ".join(
-                    f"{name}: {format_size(x, self.unit)} "
-                    f"({format_size(self.default_vibration[name], self.unit)} as given)"
-                    for name, x in self.vibration.items()
-                ),
+                *(f"  vibration after the path, {x}" for x in filter(None, [swings])),
                 f"  {str(self.solution).splitlines()[1].strip()}",
                 *(f"  torque left for the feedback of {AGAINST} of the robots: {margin} N m" for _ in self.margin[:1]),
             ]

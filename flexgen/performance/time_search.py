@@ -28,7 +28,7 @@ from flexgen.paths.place_force import in_time
 from flexgen.paths.process_force import ProcessForce, make_force
 from flexgen.paths.reference import PathSample
 from flexgen.paths.time_laws import SplineLaw, TimeLaw
-from flexgen.performance.residual_vibration import ResidualVibration
+from flexgen.performance.residual_vibration import ResidualVibration, has_springs
 from flexgen.performance.stated_speeds import StatedSpeeds
 from flexgen.runtime.path_inversion import Inversion
 
@@ -84,6 +84,8 @@ class TimeSearch:
         before, after = problem.windows
         self._before, self._after = before, min(after, AFTER_S)
         self.speeds = StatedSpeeds.of(path.segments[0], speeds, default.move.radius)
+        if vibration is not None and not has_springs(model):
+            raise ArgumentError(f"vibration: given for {model.title}, which has no springs, expected none")
         self.swings = vibration
         self.programs = self.inversions = 0
         self.refused = ""  # why the last time law that was tried has no inversion
@@ -184,7 +186,9 @@ class TimeSearch:
         return np.clip(np.arange(n_pre - half, n_pre + self.samples + 1 + half), 0, samples - 2)
 
     def vibrations(self, solution: Solution) -> dict[str, float]:
-        """Largest vibration after the path of robots with less and more stiffness [m]."""
+        """Largest vibration after the path of robots with less and more stiffness [m]; empty where no springs are."""
+        if not has_springs(self.model):
+            return {}
         end, force = float(solution.move.duration), None
         if self.force is not None:
             force = make_force(solution.trajectory, self.model, end)

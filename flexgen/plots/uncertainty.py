@@ -24,6 +24,9 @@ def plot_prediction(found: Prediction) -> Figure:
     _plot_shares(axes[0, 1], found)
     _plot_band(axes[1, 0], found.time, found.torque, "motor torque: change, 95 % of the robots", "N m")
     unit = "rad or m" if any(c.unit == "m" for c in solution.model.coordinates) else "rad"
+    if not found.deflection.names:  # a rigid robot
+        axes[1, 1].set_axis_off()
+        return figure
     _plot_band(axes[1, 1], found.time, found.deflection, "deflection: change, 95 % of the robots", unit)
     return figure
 

@@ -165,7 +165,7 @@ def _forces(changed: Equations, points: tuple[np.ndarray, ...], sources: Sources
     residual, model = changed.function("residual"), changed.model
     given = [ca.SX.sym(residual.name_in(i), residual.size1_in(i)) for i in range(residual.n_in())]
     r_a, r_m = residual(*given)
-    by_number = ca.jacobian(ca.vertcat(r_a, r_m[list(model.i_m)]), given[-1])
+    by_number = ca.jacobian(ca.vertcat(r_a, *[r_m[j] for j in model.i_m]), given[-1])
     function = ca.Function("forces", given, [ca.densify(by_number @ ca.DM(sources.directions))])
     found = evaluate(function, *points, sources.nominal)[0].reshape(len(points[0]), model.dof, -1)
     return np.ascontiguousarray(found.transpose(2, 0, 1))
@@ -234,8 +234,8 @@ def _deflections(model: RobotModel, motion: dict[str, np.ndarray]) -> tuple[np.n
         rows.append(np.eye(model.dof)[i])
         names.append(model.coordinates[i].name)
         planned.append(motion["q_a"][:, i])
-    count = len(rows)
-    return np.array(rows).reshape(count, -1), tuple(names), np.array(planned).reshape(count, -1).T
+    count, instants = len(rows), len(motion["q_a"])  # a rigid robot has no rows
+    return np.array(rows).reshape(count, model.dof), tuple(names), np.array(planned).reshape(count, instants).T
 
 
 def _gear_deflections(model: RobotModel, motion: dict[str, np.ndarray]) -> np.ndarray:

@@ -132,6 +132,7 @@ def test_vibrations_are_norms_over_the_allowed_one(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(time_search, "trajectory_of", lambda found, begin, name: (found, begin, name))
     monkeypatch.setattr(time_search, "in_time", lambda force, timed: f"{force} along {timed}")
     monkeypatch.setattr(time_search, "make_force", lambda trajectory, model, end: f"force of {trajectory} until {end}")
+    monkeypatch.setattr(time_search, "has_springs", lambda model: True)
     made = search(model=Made(name="arm"), found="found", swings=2.0)
     vars(made)["_vibration"] = Vibration()
     assert_allclose(made.swing(np.array([1.5, 0.2])), [2.5, 0.0, 5.0, 1e3])

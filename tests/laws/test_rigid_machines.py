@@ -1,0 +1,101 @@
+"""Predictions and fastest motions of a robot without any spring: a slide whose motor drives it directly.
+
+(m + J n^2) a = n u,     w = v_ref + k_p (q_ref - q) - v,     u = u_ff + k_v (w + k_i int w dt)
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import flexgen
+from flexgen.errors import ArgumentError
+
+MASS, RATIO, ROTOR, SD = 80.0, 300.0, 1e-3, 0.03
+WAY, DURATION, LARGEST = 0.3, 0.5, 10.0  # m, s, N m
+SLIDE = f"""
+name = "slide"
+gravity = [0.0, 0.0, -9.81]
+home_rad = [0.0]
+[[element]]
+name = "carriage"
+body = {{ mass = {MASS}, inertia = [1, 1, 1] }}
+[[element.dof]]
+name = "x"
+type = "translation"
+axis = [1, 0, 0]
+gear = {{ type = "rigid" }}
+[[motor]]
+name = "m1"
+drives = "x"
+ratio = {RATIO}
+inertia = {ROTOR}
+[output]
+type = "tool_position"
+axes = "x"
+[[move]]
+name = "there"
+type = "joint"
+start_rad = [0.0]
+end_rad = [{WAY}]
+duration = {DURATION}
+smoothness = 5
+[uncertainty]
+masses = {SD}
+"""
+
+
+@pytest.fixture
+def slide(tmp_path: Path) -> Path:
+    file = tmp_path / "slide.toml"
+    file.write_text(SLIDE)
+    return file
+
+
+def acceleration(t: float) -> float:
+    """Of the path: its speed is as (s (1 - s))^5."""
+    s = min(max(t / DURATION, 0.0), 1.0)
+    return WAY * 2772 * 5 * (s - s * s) ** 4 * (1 - 2 * s) / DURATION**2
+
+
+def largest_error(share: float, k_p: float, k_v: float, k_i: float) -> float:
+    """Largest error [m] of a slide that is heavier by this share, under the feedforward of the right one."""
+    inertia = MASS / RATIO + ROTOR * RATIO  # u = inertia a
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        e, de, total = x  # of the slide, its speed, and the integral of w
+        w = -RATIO * (k_p * e + de)
+        u = k_v * (w + k_i * total) - share * MASS / RATIO * acceleration(t)
+        return [de, u / (inertia + share * MASS / RATIO), w]
+
+    found = solve_ivp(rate, (0.0, 3 * DURATION), [0.0, 0.0, 0.0], rtol=1e-9, atol=1e-14, max_step=2e-3)
+    return float(np.abs(found.y[0]).max())
+
+
+def test_the_predicted_error_is_that_of_slides_of_other_masses(slide):
+    found = flexgen.predict(slide, progress=False)
+    gains = (
+        float(x[0]) for x in (found.feedback.position_gain, found.feedback.speed_gain, found.feedback.integral_gain)
+    )
+    of_one = largest_error(SD, *gains)
+    assert 1.5 * of_one < found.error_m < 2.5 * of_one  # 1.96 of very many robots
+    assert found.deflection.names == () and found.plot() is not None
+
+
+def test_the_fastest_motion_keeps_its_torque_and_has_no_vibration(slide):
+    limits = flexgen.Limits(torque=(LARGEST,))
+    quick = flexgen.fastest(slide, limits=limits, progress=False)
+    t = np.linspace(0.0, quick.duration_s, 2001)
+    a = flexgen.plan(slide, quick.move).sample(t).y[:, 0, 2]
+    torque = (MASS / RATIO + ROTOR * RATIO) * a
+    assert np.abs(torque).max() == pytest.approx(LARGEST, rel=2e-3)
+    least = 2 * np.sqrt(WAY * (MASS / RATIO + ROTOR * RATIO) / LARGEST)
+    assert least < quick.duration_s < 1.25 * least and quick.rigid_s == pytest.approx(least, rel=0.01)
+    assert quick.vibration == {} and "vibration" not in str(quick)
+    with pytest.raises(ArgumentError, match="vibration: given for slide, which has no springs"):
+        flexgen.fastest(slide, limits=limits, vibration=1e-5)
+    left = flexgen.fastest(slide, limits=limits, against="95 %", progress=False)
+    assert left.duration_s > quick.duration_s and left.margin[0] > 0.0
