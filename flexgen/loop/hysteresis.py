@@ -112,7 +112,8 @@ def _rate(equations: Equations, layers: Sequence[Layer], bristled: bool) -> ca.F
         more = ca.vertcat(more, stiffness / ca.if_else(most > 0, most, 1) * bending)
     a = equations.acceleration_under(forces)
     dx = ca.vertcat(v_a, a[:n_a], v_m, equations.motor_accelerations(a[:n_a], a[n_a:]), more)
-    (dx,) = ca.substitute([dx], [ca.vertcat(y, dy)], [ca.vertcat(q_a, q_m[i_m], v_a, v_m[i_m])])
+    q_me, v_me = ([x[j] for j in i_m] for x in (q_m, v_m))  # an empty index into a single motor has the wrong shape
+    (dx,) = ca.substitute([dx], [ca.vertcat(y, dy)], [ca.vertcat(q_a, *q_me, v_a, *v_me)])
     force = [] if equations.force is None else [equations.force]
     numbers = ca.vertcat(equations.symbols, slip, per_slip, law)
     return ca.Function("hysteretic_loop", [state, lag.tau_m, numbers, *force], [ca.densify(ca.cse(dx))])

@@ -99,3 +99,28 @@ def test_the_fastest_motion_keeps_its_torque_and_has_no_vibration(slide):
         flexgen.fastest(slide, limits=limits, vibration=1e-5)
     left = flexgen.fastest(slide, limits=limits, against="95 %", progress=False)
     assert left.duration_s > quick.duration_s and left.margin[0] > 0.0
+
+
+def test_a_direct_drive_with_bristles_moves_in_the_loop_as_its_equations(slide):
+    """The torques of the loop, held, move a slide with the LuGre law as its own equations do."""
+    coulomb, static, speed, stiffness, damping = 0.2, 0.3, 5.0, 300.0, 0.4
+    law = {"coulomb": coulomb, "static": static, "stribeck_speed": speed, "stiffness": stiffness, "damping": damping}
+    robot = flexgen.read(slide, overrides={"motor.m1.lugre": law})
+    run = flexgen.control(robot, plants={"heavy": {"payload": 2.0}}, sample_time=1e-3, progress=False)
+    time, heavy = run.reference.time, run["heavy"]
+    assert np.abs(heavy.error).max() > 1e-5 and run.tool_error_max_m < 1e-8
+    first, last = np.searchsorted(time, [-0.01, DURATION + 0.1])
+    mass = (MASS + 2.0) / RATIO + ROTOR * RATIO
+
+    def rate(t: float, x: np.ndarray, torque: float) -> list[float]:
+        v, z = RATIO * x[1], x[2]
+        sliding = coulomb + (static - coulomb) * np.exp(-((v / speed) ** 2))
+        dz = v - stiffness * abs(v) * z / sliding
+        return [x[1], (torque - stiffness * z - damping * dz) / mass, dz]
+
+    x, found = np.array([heavy.q_a[first, 0], 0.0, 0.0]), []
+    for k in range(first, last):
+        found.append(x[0])
+        held = solve_ivp(rate, time[k : k + 2], x, "Radau", args=(heavy.tau_m[k, 0],), rtol=1e-8, atol=1e-13)
+        x = held.y[:, -1]
+    np.testing.assert_allclose(found, heavy.q_a[first:last, 0], atol=2e-8)  # m, of 0.3 m
