@@ -1,15 +1,17 @@
-"""Predictions and fastest motions of a robot without any spring: a slide whose motor drives it directly.
+"""A robot without any spring: predictions, fastest motions, loop and self-test of a slide with a direct drive.
 
 (m + J n^2) a = n u,     w = v_ref + k_p (q_ref - q) - v,     u = u_ff + k_v (w + k_i int w dt)
 """
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from toolchain import needs_compiler, tool
 
 import flexgen
 from flexgen.errors import ArgumentError
@@ -124,3 +126,13 @@ def test_a_direct_drive_with_bristles_moves_in_the_loop_as_its_equations(slide):
         held = solve_ivp(rate, time[k : k + 2], x, "Radau", args=(heavy.tau_m[k, 0],), rtol=1e-8, atol=1e-13)
         x = held.y[:, -1]
     np.testing.assert_allclose(found, heavy.q_a[first:last, 0], atol=2e-8)  # m, of 0.3 m
+
+
+@needs_compiler
+def test_the_self_test_of_one_coordinate_is_written_and_passes(slide, tmp_path):
+    folder = tmp_path / "selftest"
+    flexgen.export_selftest(slide, folder)
+    sources = ["slide.c", "slide_selftest.c"]
+    subprocess.run([tool("gcc"), "-O1", *sources, "-lm", "-o", "selftest"], cwd=folder, check=True)
+    run = subprocess.run(["./selftest"], cwd=folder, capture_output=True, text=True, check=False)
+    assert run.returncode == 0 and run.stdout.startswith("PASS"), run.stdout

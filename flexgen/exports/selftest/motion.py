@@ -90,7 +90,7 @@ def _refuse_singular(equations: Equations, q_a: np.ndarray, move: str) -> None:
     model = equations.model
     zero = np.zeros(model.n_a)
     target = np.zeros(model.output.target_size)
-    W = np.asarray(evaluate(equations.function("output_constraint"), q_a, zero, target)[1])
+    W = evaluate(equations.function("output_constraint"), q_a, zero, target)[1].reshape(len(q_a), -1, model.n_a)
     values = np.linalg.svd(W[:, :, list(model.i_g)], compute_uv=False)
     if (values[:, -1] < SINGULAR * values[:, 0]).any():
         raise SolverError(
