@@ -169,7 +169,12 @@ class Limits:
         """These limits, and those of the model file of the kinds that have no bounds here."""
         own = limits_of_model(robot)
         more = {one.name: getattr(own, one.name) for one in fields(self) if getattr(self, one.name) is None}
-        return replace(self, **more)
+        merged = replace(self, **more)
+        if merged.thermal_time is not None and merged.torque_rms is None:
+            raise ArgumentError(
+                f"limits: given thermal_time {show_value(self.thermal_time)} alone, expected torque_rms in addition"
+            )
+        return merged
 
     def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of torque, less the reserve, and speed (n_m,), infinite where there is none.

@@ -210,3 +210,5 @@ def test_wrong_limits_are_refused(given: dict[str, object], told: str) -> None:
         flexgen.read("elbow", overrides={"element.upper.dof.q1.deflection_max": 1.0})
     with pytest.raises(ModelError, match=r"thermal_time.*torque_rms_max in addition"):
         flexgen.read("elbow", overrides={"motor.m1.thermal_time": 1.0})
+    with pytest.raises(ArgumentError, match=r"given thermal_time \(1.0, 1.0\) alone, expected torque_rms in addition"):
+        flexgen.fastest("elbow", limits=Limits(thermal_time=(1.0, 1.0)))  # was ignored
