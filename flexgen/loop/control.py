@@ -146,7 +146,7 @@ def _solve_assuming(
         if assumed is not None:
             raise ArgumentError("assumed_force: given with a solution, expected one of both: a solution states its own")
         return solution
-    if is_number(assumed):
+    if isinstance(assumed, float) or is_number(assumed):  # also NaN
         check_not_negative("assumed_force", assumed)
         assumed = scale_force(force, robot_of(model), assumed)
     return solve(model, move, force=force if assumed is None else assumed, progress=progress)

@@ -6,8 +6,10 @@ m a - F = K d,     q_m = n (x + d),     tau_m = J q_m'' + K d/n
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import flexgen
+from flexgen.errors import ArgumentError
 
 MASS, STIFFNESS, RATIO, ROTOR = 80.0, 2e6, 300.0, 1e-3
 SIZE, DURATION = 150.0, 0.5
@@ -67,3 +69,11 @@ def bell() -> np.ndarray:
     slope = (np.polynomial.Polynomial([0, 1]) * np.polynomial.Polynomial([1, -1])) ** 5
     rise = slope.integ()
     return rise.coef / rise(1.0)
+
+
+@pytest.mark.parametrize("factor", [float("nan"), float("inf"), -1.0])
+def test_a_wrong_factor_of_the_assumed_force_is_named(tmp_path, factor):
+    file = tmp_path / "gantry.toml"
+    file.write_text(GANTRY)
+    with pytest.raises(ArgumentError, match=r"assumed_force: given .*, expected a finite number >= 0"):
+        flexgen.control(file, force=pushing, assumed_force=factor)
