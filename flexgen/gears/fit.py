@@ -28,7 +28,6 @@ from os import cpu_count
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.signal import welch
 from scipy.signal.windows import tukey
 from scipy.stats import chi2
 
@@ -37,6 +36,7 @@ from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import DrivenArm, Element, MotorMotion
 from flexgen.gears.motor_friction import MotorFriction
 from flexgen.gears.signals import Signals
+from flexgen.gears.whitening import TAPER, Whitening
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.motor_harmonics import friction_along
@@ -61,8 +61,6 @@ LEAST_SIGNAL = 0.1  # part of the information in a direction that is not noise, 
 RANK = 1e-13  # of the normal equations, relative
 FREE = 1e6  # standard deviation of priors that say nothing
 FLOOR = (2e-3, 1e-4)  # of the torques: residuals that are not weighted as if they were smaller, at first and later
-PIECE = 512  # samples of the pieces whose mean is a density
-TAPER = 0.05  # of the record, in which both ends are faded
 BANDS, LOWEST, EXCESS_DRAWS = 8, 0.04, 4  # of frequency; end of the first over that of all; samples of noise in them
 UNLIKELY = 0.01  # probability of less noise in a band than there is
 ROUNDING = 2.5e-6  # of the torques: errors of the simulation in a band
@@ -156,15 +154,19 @@ class GearModel:
 
     def torques(self, points: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None) -> np.ndarray:
         """Torques (points, k, n_m) in the band, from where the start is forgotten; ``start``: a state (n_x,)."""
-        inputs, at, out, linear = motion.inputs, motion.samples, [], self.regressors(motion)
-        numbers = [self.numbers(theta) for theta in points]
+        linear, found = self.regressors(motion), self.arm_torques([self.numbers(x) for x in points], motion, start)
+        return np.array([x + linear @ theta[self.bent :] for theta, x in zip(points, found, strict=True)])
+
+    def arm_torques(
+        self, numbers: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None
+    ) -> list[np.ndarray]:
+        """The same of the arm alone, for its numbers."""
+        inputs, at = motion.inputs, motion.samples
         starts = [self.arm.rest(at[0, : self.n_m], p) if start is None else start for p in numbers]
         with ThreadPoolExecutor(max(1, cpu_count() or 1), "gears") as pool:  # of calls of C, which share nothing
             states = pool.map(self._simulate, numbers, [inputs] * len(numbers), starts)
-            for theta, p, x in zip(points, numbers, states, strict=True):
-                found = self.signals.torques(self.arm.torques(x, at, p))
-                out.append(self.friction.project(found[self.first :]) + linear @ theta[self.bent :])
-        return np.array(out)
+            found = (self.signals.torques(self.arm.torques(x, at, p)) for x, p in zip(states, numbers, strict=True))
+            return [self.friction.project(each[self.first :]) for each in found]
 
     def take_out_standstill(self, found: Estimate) -> bool:
         """From now on compare torques without what friction at standstill can do; whether any motor has some.
@@ -230,16 +232,20 @@ class GearModel:
         A wrong law shows at the frequencies of the motion, where noise of angles makes hardly any torque: a loop of
         another shape is 1e-5 of the torque there, behind noise of 1e-3 in all.
         """
+        power, explained = self._bands(error)[1], self.noise_power(theta, error)[1]
+        values, vectors = np.linalg.eigh(covariance)
+        deviations = self.derivatives(theta, self.motion)[1] @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        with_theta = explained + sum(self._bands(x)[1] for x in np.moveaxis(deviations, -1, 0))
+        return np.array([np.sqrt(power / each).max(axis=0) for each in (explained, with_theta)])
+
+    def noise_power(self, theta: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lines (bands, 1) of bands of frequency, and the power (bands, n_m) that noise explains in them."""
         own = self.torques([theta], self.motion)[0]
         drawn = [self.torques([theta], self.more_noise(seed))[0] - own for seed in range(EXCESS_DRAWS)]
         lines, power = self._bands(error)
         least = (len(error) * ROUNDING * np.std(self.measured, axis=0)) ** 2 / 2
-        noise = np.mean([self._bands(x)[1] for x in drawn], axis=0) + lines * self._white(lines, power)
-        values, vectors = np.linalg.eigh(covariance)
-        deviations = self.derivatives(theta, self.motion)[1] @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-        explained = noise + least
-        with_theta = explained + sum(self._bands(x)[1] for x in np.moveaxis(deviations, -1, 0))
-        return np.array([np.sqrt(power / each).max(axis=0) for each in (explained, with_theta)])
+        noise = np.mean([self._bands(x)[1] for x in drawn], axis=0)
+        return lines, noise + lines * self._white(lines, power) + least
 
     def _bands(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Bands of frequency: their lines (bands, 1), and the power of (k, n_m) in them (bands, n_m)."""
@@ -292,26 +298,6 @@ class GearModel:
                 "torques are several times those of the hysteresis, and a longer record"
             )
         return first_sample
-
-
-class Whitening:
-    """Weights of frequencies with which a noise (k, n_m) becomes white; none above the band; ``floor``: see `FLOOR`."""
-
-    def __init__(self, noise: np.ndarray, model: GearModel, floor: float) -> None:
-        n, signals = len(noise), model.signals
-        f, power = welch(noise, 1.0, nperseg=min(n, PIECE), axis=0, detrend=False)
-        least, at = floor * np.std(model.measured, axis=0), np.fft.rfftfreq(n)
-        power = np.array([np.interp(at, f, each) for each in power.T]).T / 2 + least**2
-        self._taper, inside = tukey(n, TAPER), at / signals.sample_s <= signals.band_hz
-        self._weight = inside[:, None] / np.sqrt(power)
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Rows (k, n_m, ...) with these weights."""
-        end = (1,) * (x.ndim - 2)
-        found = np.fft.rfft(x * self._taper.reshape(-1, 1, *end), axis=0) * self._weight.reshape(
-            *self._weight.shape, *end
-        )
-        return np.asarray(np.fft.irfft(found, len(x), axis=0))
 
 
 def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:

@@ -13,6 +13,7 @@ from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.gears.driven_arm import ARCMIN, Element
 from flexgen.gears.fit import FRICTIONS, NO_LOST, Estimate, GearModel, Sought, estimate
+from flexgen.gears.further_elements import gears_that_lack_elements
 from flexgen.gears.result import WEAK, GearFit, GearStatus, Number
 from flexgen.gears.signals import Signals, signals_of
 from flexgen.mechanics.equations import derive, robot_of
@@ -125,7 +126,7 @@ def identify_gears(
         return _result(robot, fitted, model, _estimate(model, tell))
 
     result = fit(signals_of(record, robot.n_m, band_hz))
-    final = band_hz is not None or result.status in (GearStatus.FITTED, GearStatus.NOISE)
+    final = band_hz is not None or result.lacking or result.status in (GearStatus.FITTED, GearStatus.NOISE)
     return result if final else _in_narrower_bands(result, lambda hz: fit(signals_of(record, robot.n_m, hz)), tell)
 
 
@@ -226,16 +227,18 @@ def _result(robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, foun
         status = GearStatus.MODEL_ERROR
     elif status is GearStatus.FITTED and (excess[0] > EXCESS).any():
         status = GearStatus.NOISE  # what is left may be the errors of numbers that the noise lets determine poorly
+    lacking = gears_that_lack_elements(fit, found) if status is GearStatus.FITTED else ()
     numbers = _Numbers(robot, fitted, fit, found)
     return GearFit(
         robot=robot,
         numbers=numbers.all(),
-        status=status,
+        status=GearStatus.MODEL_ERROR if lacking else status,
         unexplained=error,
         noise=noise,
         band_hz=fit.signals.band_hz,
         delay_s=float(found.theta[-1]),
         joints=tuple(robot.coordinates[robot.i_g[k]].name for k in fit.sought.gears),
+        lacking=tuple(robot.coordinates[robot.i_g[k]].name for k in lacking),
         laws=numbers.laws(),
         loops=fit.loops(found.theta, found.error),
         harmonics=fit.sought.harmonics,

@@ -22,6 +22,10 @@ from flexgen.type_checks import checked_result
 
 WEAK = 0.5  # standard deviation over a number, above which the record does not determine it
 VARIANT = "identified"
+LACKING = (
+    "Hysteresis of another shape fits the record better, with another lost motion: {}. Fit one element more, or "
+    "exponents. Standard deviations are not given: the errors may be many times those that noise causes."
+)
 
 
 class GearStatus(ExplainedStatus):
@@ -92,6 +96,8 @@ class GearFit(Result):
         Of the transmission errors, and of the cogging.
     laws : dict
         Dotted key of a hysteresis -> exponent and gamma of its elements, where they are not Dahl's law.
+    lacking : tuple of str
+        Joints of which the record shows an element of hysteresis more, with another lost motion.
 
     Examples
     --------
@@ -114,6 +120,7 @@ class GearFit(Result):
     harmonics: tuple[int, ...] = ()
     cogging: tuple[int, ...] = ()
     laws: Mapping[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
+    lacking: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<GearFit {self.robot.title}: {self.sentence()}>"
@@ -126,6 +133,8 @@ class GearFit(Result):
     @property
     def problem(self) -> str:
         """Why the numbers cannot be used as they are."""
+        if self.lacking:
+            return f"{self.status}: {LACKING.format(', '.join(self.lacking))}"
         return "" if self.status is GearStatus.FITTED else f"{self.status}: {self.status.sentence} {self.status.advice}"
 
     @property

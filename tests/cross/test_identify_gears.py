@@ -135,19 +135,22 @@ def test_an_exponent_is_found_and_dahls_law_is_a_model_error_there() -> None:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("elements", [2, 3])
-def test_two_elements_for_three_leave_a_twentieth_of_the_lost_motion(elements: int) -> None:
-    """Noise hides that one is missing: two of four such records are fitted, with deviations of 0.5 %."""
+@pytest.mark.parametrize(("elements", "seed"), [(2, 1), (2, 3), (3, 1), (3, 3)])
+def test_two_elements_for_three_are_a_model_error(elements: int, seed: int) -> None:
+    """They explain the residuals but for the noise, with a lost motion that is 4 to 5 % and 6 to 8 deviations off."""
     made = lambda start: law_of_gears(  # noqa: E731
         "planar5_nmp", Elements(SLIPS, joint_stiffness(flexgen.read("planar5_nmp")), start)
     )
-    record = with_noise(record_in_mujoco("planar5_nmp", made, 20.0, step=5e-4, seed=7), NOISE, 3)
+    record = with_noise(record_in_mujoco("planar5_nmp", made, 20.0, step=5e-4, seed=7), NOISE, seed)
     found = flexgen.identify_gears(model_of("planar5_nmp"), record, elements=elements, progress=False)
-    assert found.status is GearStatus.FITTED
+    if elements == 2:
+        assert found.status is GearStatus.MODEL_ERROR and found.lacking == ("q1",)
+        assert "q1. Fit one element more" in found.problem and set(found.sd.values()) == {None}
+        return
+    assert found.status is GearStatus.FITTED, str(found)
     for joint in found.joints:
         name = f"{joint}.hysteresis.lost_motion"
-        value, sd = found.values[name], found.sd[name]
-        assert sd is None or sd > 0.5 * value or abs(value - ARCMIN) < (4 * sd if elements == 3 else 0.05 * ARCMIN)
+        assert found.sd[name] is not None and abs(found.values[name] - ARCMIN) < 4 * found.sd[name]
 
 
 @pytest.mark.slow

@@ -185,10 +185,16 @@ def test_the_status_of_gears_follows_from_residuals(
     )
     monkeypatch.setattr(identify, "_Numbers", lambda *_: Made(all=lambda: (), laws=dict))
     monkeypatch.setattr(identify, "GearFit", lambda **given: Made(**given))
+    asked: list[int] = []
+    monkeypatch.setattr(identify, "gears_that_lack_elements", lambda fit, found: tuple(asked))
     found = fit.Estimate(np.array([1.0, 5e-4]), np.eye(2), wave * error, converged)
     result: Any = identify._result(robot, (), made, found)
     assert result.status is GearStatus[status] and result.joints == ("q2",) and result.delay_s == 5e-4
     assert_allclose(result.unexplained, error)
+    asked.append(1)
+    lacking: Any = identify._result(robot, (), made, found)
+    assert lacking.status is (GearStatus.MODEL_ERROR if status == "FITTED" else GearStatus[status])
+    assert (result.lacking, lacking.lacking) == ((), ("q2",) if status == "FITTED" else ())
     wide = fit.Estimate(found.theta, np.diag([1.0, np.inf]), wave * 1.0, True)
     assert identify._result(robot, (), made, wide).status is not GearStatus.FITTED
 

@@ -20,11 +20,12 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.gears import fit, identify
+from flexgen.gears import fit, further_elements, identify
 from flexgen.gears.driven_arm import Element
 from flexgen.gears.signals import Signals, signals_of
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import select
+from flexgen.simulation.segments import Segments
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
@@ -231,3 +232,22 @@ def test_lost_motions_of_translations_are_found_against_their_deflections() -> N
     slide = float(3.0 * sliding.eta[1, 1] / 4.0999e6)  # the standard deviation of the force over the stiffness
     assert (first.unit, second.unit) == pytest.approx((np.pi / 180 / 60, slide))
     assert (first.lost, second.lost) == (first.unit, second.unit)
+
+
+def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
+    """Its torques are those of a fit whose second gear has one element more, as weak."""
+    model, theta = made(), moved()
+    further = further_elements._FurtherElements(model, theta)
+    assert further.gears == [0, 0, 0, 1, 1]
+    K, lost, size = further.K[3], further.lost[3], further_elements.SMALL
+    elements = (*model.sought.elements, Element(1, K, lost, 1.0, unit=lost))
+    sought = replace(model.sought, elements=elements)
+    with_it = fit.GearModel(model.equations, sought, model.signals)
+    values, shapes, parts, rest = np.split(theta, [model.shapes, model.parts, model.errors])
+    none, weak = (np.concatenate([values, [k], shapes, [1.0], parts, [k], rest]) for k in (1e-9, size))
+    steps, sample_s = model.segments.steps, model.signals.sample_s
+    with_it.first, with_it.largest = model.first, model.largest
+    with_it.segments = Segments(with_it.arm.rate, np.eye(with_it.arm.n_x), sample_s, steps)
+    expected = np.subtract(*with_it.torques([weak, none], model.motion)) / size
+    found = further._derivatives(model.motion)[:, :, 3]
+    assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())

@@ -1,0 +1,128 @@
+"""Whether the record shows elements of hysteresis that a fit lacks, one at a time.
+
+A loop of another shape changes the torques by less than the noise, and is seen against the noise of each frequency.
+So an element more is added to the driven arm, which slips between two of the gear's or before or after all of them, so
+weak that the torques are linear in it. One step from the fit, with the weights of the noise in bands of frequency,
+
+    [theta, a] -= A^-1 G,    cov = A^-1 (2 J'J - A) A^-1
+
+(see `flexgen.gears.fit`), gives its size a, over the stiffness of the gear, and the lost motion of all elements with
+it. The deviation of a is that by the noise of the record, of which J'J is the covariance of G, and by that which is
+added, J'J - A: the jackknife's has the errors of a wrong law in it, which hide it.
+
+Source: C. R. Rao, Linear Statistical Inference and Its Applications, 2nd ed. 1973, sec. 6e (score test).
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+from scipy.linalg import eigh
+
+from flexgen.gears.driven_arm import DrivenArm, Element, MotorMotion
+from flexgen.gears.fit import LEAST_LOST, LEAST_SIGNAL, NO_LOST, RANK, Estimate, GearModel
+from flexgen.gears.whitening import Whitening
+from flexgen.mechanics.lagrangian import gear_stiffness
+from flexgen.mechanics.parameters import with_values
+from flexgen.simulation.segments import Segments
+
+APART = 3.0  # deflections of slip of the first and the last further element over those of the gear's, or its inverse
+SMALL = 1e-3  # stiffness of a further element over that of the gear
+NONE = 1e-9  # the same where it is left out
+SEEN = 4.0  # sizes over their deviations that noise does not make
+MOVES = 1.0  # changes of lost motions over their deviations, from which they count
+
+
+def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ...]:
+    """Gears of which the record shows one element more, with a lost motion that differs by its standard deviation."""
+    further = _FurtherElements(model, found.theta)
+    if not further.gears:
+        return ()
+    white = Whitening.of_bands(*model.noise_power(found.theta, found.error), model)
+    A, raw, gradient = further.equations(white)
+    free = _free(model, found.theta)
+    base = np.flatnonzero(free & (np.diag(raw)[: len(free)] > 0.0))
+    lacking = set()
+    for k, (gear, lost) in enumerate(zip(further.gears, further.lost, strict=True)):
+        added = len(found.theta) + k
+        if not raw[added, added] > 0.0:
+            continue
+        part = np.append(base, added)
+        step, covariance = _step(A[np.ix_(part, part)], raw[np.ix_(part, part)], gradient[part])
+        of_gear = np.zeros(len(found.theta))
+        at = model.parts + np.flatnonzero(np.equal(model.at, gear))
+        of_gear[at] = model.units[at]
+        change = -(np.append(of_gear[base], lost) @ step)
+        moves = abs(change) > MOVES * np.sqrt(of_gear @ found.covariance @ of_gear)
+        if moves and abs(step[-1]) > SEEN * np.sqrt(covariance[-1, -1]):
+            lacking.add(gear)
+    return tuple(gear for gear in model.sought.gears if gear in lacking)
+
+
+def _free(model: GearModel, theta: np.ndarray) -> np.ndarray:
+    """Entries of theta but those of elements that the fit has dropped."""
+    free, n = np.ones(len(theta), bool), model.shapes - model.count
+    for k in np.flatnonzero(theta[model.parts : model.errors] <= LEAST_LOST):
+        free[[n + k, model.parts + k]] = False
+        free[model.shapes + k : model.shapes + k + model.sought.exponents] = False
+    return free
+
+
+def _step(A: np.ndarray, raw: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is subtracted from numbers, and its covariance; directions that are noise stay as they are."""
+    scale = np.sqrt(np.diag(raw))
+    both = np.outer(scale, scale)
+    values, vectors = eigh(A / both, raw / both + RANK * np.eye(len(raw)))
+    known = values > LEAST_SIGNAL
+    found = vectors[:, known] / scale[:, None]
+    inverse = found / values[known]
+    return inverse @ (found.T @ gradient), (inverse * (2 - values[known])) @ inverse.T
+
+
+class _FurtherElements:
+    """Further elements of the gears of a fit, in its driven arm.
+
+    ``gears``, ``lost``: gear of each, and its lost motion where it is as stiff as its gear.
+    """
+
+    def __init__(self, model: GearModel, theta: np.ndarray) -> None:
+        self.model, self.theta, elements, n = model, theta, list[Element](), len(model.names)
+        values, K_h, W, *_ = np.split(model.numbers(theta), [n, n + model.count, n + 2 * model.count])
+        given = dict(zip(model.names, values.tolist(), strict=True))
+        K = gear_stiffness(with_values(model.equations.model, given), np.inf)
+        sought, wide = model.sought, theta[model.parts : model.errors] > NO_LOST
+        for gear in sought.gears:
+            s = np.sort((W / K_h)[wide & np.equal(model.at, gear)])
+            slips = np.concatenate([s[:1] / APART, np.sqrt(s[1:] * s[:-1]), s[-1:] * APART])
+            elements += [Element(gear, float(K[gear]), 2 * slip) for slip in slips.tolist()]
+        self.gears, self.lost = [each.gear for each in elements], [each.lost for each in elements]
+        self.K = K[self.gears]
+        if elements:
+            self.driven, laws = copy(model), (*sought.elements, *elements)
+            arm = DrivenArm(model.equations, laws, sought.exponents, sought.errors, sought.harmonics)
+            steps, sample_s = model.segments.steps, model.signals.sample_s
+            self.driven.arm, self.driven.segments = arm, Segments(arm.rate, np.eye(arm.n_x), sample_s, steps)
+
+    def equations(self, white: Whitening) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A, J'J and G of the numbers of the fit and the sizes of these elements, see `flexgen.gears.fit`."""
+        model, parts = self.model, []
+        for motion in (model.motion, model.more_noise(0, 1.0), model.more_noise(0, -1.0)):
+            error, J = model.derivatives(self.theta, motion)
+            J = white(np.concatenate([J, self._derivatives(motion)], axis=2)).reshape(error.size, -1)
+            parts.append((J.T @ J, J.T @ white(error).ravel()))
+        (raw, own), (more, one), (less, other) = parts
+        return 2 * raw - (more + less) / 2, raw, 2 * own - (one + other) / 2
+
+    def _derivatives(self, motion: MotorMotion) -> np.ndarray:
+        """Of the torques (k, n_m) in the size of each element."""
+        sizes = [SMALL * (np.arange(len(self.K)) == k) for k in range(-1, len(self.K))]
+        none, *each = self.driven.arm_torques([self._numbers(size + NONE) for size in sizes], motion)
+        return np.stack([(x - none) / SMALL for x in each], axis=2)
+
+    def _numbers(self, sizes: np.ndarray) -> np.ndarray:
+        """Numbers of the driven arm with these elements."""
+        model, n, c = self.model, len(self.model.names), self.model.count
+        K_h, shapes = sizes * self.K, np.ones(len(sizes) * model.sought.exponents)
+        own = np.split(model.numbers(self.theta), [n + c, n + 2 * c, n + 2 * c + c * model.sought.exponents])
+        return np.concatenate([own[0], K_h, own[1], K_h * np.array(self.lost) / 2, own[2], shapes, own[3]])
