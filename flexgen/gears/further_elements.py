@@ -30,7 +30,7 @@ from flexgen.simulation.segments import Segments
 APART = 3.0  # deflections of slip of the first and the last further element over those of the gear's, or its inverse
 SMALL = 1e-3  # stiffness of a further element over that of the gear
 NONE = 1e-9  # the same where it is left out
-SEEN = 4.0  # sizes over their deviations that noise does not make
+SEEN = (4.0, 8.0)  # sizes over their deviations that noise does not make, nor the start of a sliding friction
 MOVES = 1.0  # changes of lost motions over their deviations, from which they count
 
 
@@ -43,7 +43,7 @@ def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ..
     A, raw, gradient = further.equations(white)
     free = _free(model, found.theta)
     base = np.flatnonzero(free & (np.diag(raw)[: len(free)] > 0.0))
-    lacking = set()
+    lacking, seen = set(), SEEN[model.friction.sticks]
     for k, (gear, lost) in enumerate(zip(further.gears, further.lost, strict=True)):
         added = len(found.theta) + k
         if not raw[added, added] > 0.0:
@@ -55,7 +55,7 @@ def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ..
         of_gear[at] = model.units[at]
         change = -(np.append(of_gear[base], lost) @ step)
         moves = abs(change) > MOVES * np.sqrt(of_gear @ found.covariance @ of_gear)
-        if moves and abs(step[-1]) > SEEN * np.sqrt(covariance[-1, -1]):
+        if moves and abs(step[-1]) > seen * np.sqrt(covariance[-1, -1]):
             lacking.add(gear)
     return tuple(gear for gear in model.sought.gears if gear in lacking)
 

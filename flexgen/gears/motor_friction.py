@@ -36,6 +36,7 @@ class MotorFriction:
     def __init__(self, signals: Signals, motion: MotorMotion) -> None:
         self.signals, self.motion = signals, motion
         self.rests: tuple[Rests, ...] = ()
+        self.sticks = False  # whether any motor has some
         self.parts = max(1, int(np.ceil(signals.sample_s * signals.band_hz / FINEST)))
 
     def coulomb(self, motion: MotorMotion) -> np.ndarray:
@@ -48,6 +49,7 @@ class MotorFriction:
 
         These are those in the band.
         """
+        self.sticks = bool(motors.any())
         v = self._speeds(self.motion)[first * self.parts :]
         limit = self.signals.band_hz * self.signals.sample_s / self.parts
         reach = len(self._taps) - 1
