@@ -105,13 +105,7 @@ def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
     ArgumentError
         For a name that the model does not have; the message lists those that it has.
     """
-    every: list[tuple[Parameter, tuple[str, ...]]] = []
-
-    def note(parameter: Parameter, *groups: str) -> Any:
-        every.append((parameter, (parameter.name, *groups)))
-        return parameter.value
-
-    _walk(model, note)
+    every = _with_groups(model)
     known = {group for _, groups in every for group in groups}
     for name in names:
         if name not in known:
@@ -119,6 +113,23 @@ def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
             listed = sorted(known - {parameter.name for parameter, groups in every if len(groups) == 1})
             raise ArgumentError(f"parameters: given {name!r}, expected some of {', '.join(listed)}")
     return tuple(parameter for parameter, groups in every if any(name in groups for name in names))
+
+
+def _with_groups(model: RobotModel) -> list[tuple[Parameter, tuple[str, ...]]]:
+    """The numbers of a model, each with its own name and those of its groups."""
+    every: list[tuple[Parameter, tuple[str, ...]]] = []
+
+    def note(parameter: Parameter, *groups: str) -> Any:
+        every.append((parameter, (parameter.name, *groups)))
+        return parameter.value
+
+    _walk(model, note)
+    return every
+
+
+def has_group(model: RobotModel, name: str) -> bool:
+    """Whether `select` knows this name."""
+    return any(name in groups for _, groups in _with_groups(model))
 
 
 def names_of_numbers(model: RobotModel) -> list[str]:

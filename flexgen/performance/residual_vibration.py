@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flexgen.errors import ArgumentError
 from flexgen.library.model_library import library_with
 from flexgen.loop.case import TOOL_FORCE
 from flexgen.loop.closed_loop import TOOL, ClosedLoop
@@ -20,7 +19,7 @@ from flexgen.loop.plants import LocalDynamics, plants_of
 from flexgen.loop.reference import hold_torques, time_grid
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.output_columns import columns_in, unit_of
-from flexgen.mechanics.parameters import select
+from flexgen.mechanics.parameters import has_group
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.process_force import ProcessForce
@@ -37,10 +36,7 @@ PLANTS = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
 
 def has_springs(model: RobotModel) -> bool:
     """Whether a robot has stiffnesses that may differ: nothing vibrates without them."""
-    try:
-        return bool(select(model, ["stiffness"]))
-    except ArgumentError:
-        return False
+    return has_group(model, "stiffness")
 
 
 class ResidualVibration:

@@ -21,6 +21,7 @@ from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.parameters import has_group
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -124,7 +125,7 @@ def excite(
     )
     vector = ParameterVector(robot, free or default_free(robot))
     plan = _with_poses(plan, robot, vector, poses, criterion, seed, progress)
-    return _predict_accuracy(_optimal(plan, robot, vector) if spectrum == OPTIMAL else plan, vector)
+    return _predict_accuracy(plan, vector, spectrum)
 
 
 def _amplitudes(
@@ -137,13 +138,6 @@ def _amplitudes(
     return speed_amplitudes(frequencies, speed, 0.5 if isinstance(spectrum, str) else spectrum)
 
 
-def _optimal(plan: Plan, model: RobotModel, vector: ParameterVector) -> Plan:
-    """The plan with the optimal spectrum; ArgumentError where the motion leaves the limits."""
-    plan = with_optimal_spectrum(plan, vector)
-    _check_reach(plan, model)
-    return plan
-
-
 def _check_counts(periods: int, transients: int, realizations: int) -> None:
     counts = {"periods": (periods, 2), "transients": (transients, 0), "realizations": (realizations, 1)}
     for name, (value, least) in counts.items():
@@ -151,9 +145,12 @@ def _check_counts(periods: int, transients: int, realizations: int) -> None:
 
 
 def default_free(model: RobotModel) -> list[str]:
-    """Stiffness and damping, and the viscous frictions that the model has."""
+    """Stiffness and damping, and the viscous frictions that the model has; ArgumentError where it has none of them."""
     viscous = [f"{motor.name}.viscous" for motor in model.motors if motor.friction.viscous != 0.0]
-    return [*FREE, *viscous]
+    names = [name for name in (*FREE, *viscous) if has_group(model, name)]
+    if not names:
+        raise ArgumentError(f"free: given none, expected names: {model.title} has no stiffness, damping or viscous")
+    return names
 
 
 def default_cascade(model: RobotModel, sample_s: float = 5e-4) -> Cascade:
@@ -243,8 +240,11 @@ def _check_reach(plan: Plan, model: RobotModel) -> None:
     _check_speeds(plan, model)
 
 
-def _predict_accuracy(plan: Plan, vector: ParameterVector) -> Plan:
-    """The plan with the expected accuracy of the parameters."""
+def _predict_accuracy(plan: Plan, vector: ParameterVector, spectrum: float | str) -> Plan:
+    """The plan with its spectrum and the expected accuracy of the parameters."""
+    if spectrum == OPTIMAL:
+        plan = with_optimal_spectrum(plan, vector)
+        _check_reach(plan, vector.model)
     F, _ = operating_points.information(vector, plan, plan.poses)
     sd = np.sqrt(np.diag(operating_points.covariance(F.sum(axis=0), vector.prior_sd)))
     return replace(plan, predicted=dict(zip(vector.names, sd.tolist(), strict=True)))
