@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 import flexgen
+from flexgen.analysis.missing_springs import without
 from flexgen.analysis.response_inputs import Drive
-from flexgen.identification.causes.missing_springs import without
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import LocalModel
 from flexgen.mechanics.parameters import select, with_values

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.identification.causes.missing_springs import without
+from flexgen.analysis.missing_springs import without
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import BacklashSpring, RobotModel, SmoothSpring

@@ -17,7 +17,7 @@ import numpy as np
 
 from flexgen.counts import STARTS, count_of, show_value
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification.causes.explain import explain
+from flexgen.identification.causes.explain import Cause, explain, hidden_causes
 from flexgen.identification.causes.levels import compare_levels
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
@@ -170,7 +170,11 @@ def _fit(
         error = left if floor is None and data.noise_UU is not None and left > SMALL_ERROR else error
     cost = best.cost / degrees
     status = _status(best, cost, error, data)
-    wrong = floor is None and residual == "nls" and status not in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
+    causes: tuple[Cause, ...] = ()
+    if floor is None and residual == "nls" and status is not FitStatus.NOISE_TOO_LARGE:
+        fitted = status is FitStatus.FITTED
+        causes = hidden_causes(residuals, best.x) if fitted else explain(residuals.on(data), best.x)
+        status = FitStatus.MODEL_ERROR if fitted and causes else status
     covariance = residuals.covariance(best.x, best.A)
     if unsure:
         away = unsure * find_shift(residuals, best.x, best.A, measured.G)
@@ -191,7 +195,7 @@ def _fit(
         variance=residuals.variance,
         deflection_sd=residuals.deflection_sd,
         weights=residuals.kind,
-        causes=explain(residuals.on(data), best.x) if wrong else (),
+        causes=causes,
         wall_s=time.perf_counter() - began,
     )
 

@@ -29,6 +29,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis.mean_friction import is_linear, mean_viscous_change, normal_nodes
+from flexgen.analysis.missing_springs import with_spring
 from flexgen.analysis.response_inputs import Drive
 from flexgen.analysis.response_outputs import OutputRows
 from flexgen.analysis.second_order import motor_rows
@@ -41,6 +42,8 @@ from flexgen.model.friction import loaded_motors
 from flexgen.numerics.evaluate import Evaluator, evaluate
 
 NEWTON_STEPS = 50
+FREQUENCIES = (12.0, 35.0, 90.0, 250.0)  # Hz: of a new spring and the inertia that it carries, where its search begins
+DAMPING = 0.03  # of critical
 NEAR = 4  # images with springs, two on each side; later ones together have 2 % of what all add
 
 
@@ -396,3 +399,15 @@ class LocalModel:
         half = (left @ change).reshape(len(w), left.shape[1], n, len(used))
         directions = np.einsum("lacd,lcb->labd", half, right, optimize=True)
         return out + directions @ dy[used]
+
+
+def with_sizes(model: RobotModel, new: str, pose: np.ndarray) -> list[RobotModel]:
+    """The model with a new spring of several stiffnesses, by the inertia that it carries at a pose (1, n_m)."""
+    local = LocalModel(with_spring(model, new, 1e12, 1e6), ())
+    M = local.matrices(local.values, pose)[0][0]
+    at = [c.name for c in model.coordinates].index(new)
+    out = []
+    for w in 2 * np.pi * np.array(FREQUENCIES):
+        stiffness = float(M[at, at] * w**2)
+        out.append(with_spring(model, new, stiffness, float(2 * DAMPING * stiffness / w)))
+    return out

@@ -17,11 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
+from flexgen.analysis.missing_springs import additions, without
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification.causes.missing_springs import additions, with_sizes, without
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.graybox import identify
+from flexgen.identification.local_model import with_sizes
 from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import FitStatus, IdentificationResult
 from flexgen.model.elements import RobotModel
@@ -146,7 +147,7 @@ def _find_best(model: RobotModel, new: str | None, data: Frf) -> IdentificationR
     """The best fit of a changed model; a new spring is searched from several stiffnesses."""
     if new is None:
         return _try(model, data)
-    fits = [_try(robot, data) for robot in with_sizes(model, new, data.poses[:1])]
+    fits = [_try(robot, data) for robot in with_sizes(model, new, data.poses[:1])[:3]]
     found = [fit for fit in fits if fit is not None]
     return min(found, key=lambda fit: fit.cost) if found else None
 

@@ -18,10 +18,10 @@ import flexgen
 from flexgen.analysis import amplitude
 from flexgen.analysis.describing_functions import average_coulomb, average_hysteresis, average_spring
 from flexgen.analysis.gear_changes import fit_changes
+from flexgen.analysis.missing_springs import without
 from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import ArgumentError
 from flexgen.identification.causes import levels as at_levels
-from flexgen.identification.causes.missing_springs import without
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import Residuals
 from flexgen.loop.hardware import DriveHardware

@@ -10,11 +10,11 @@ import pytest
 from identification_cases import exact_responses, poses_of, without_coulomb
 
 import flexgen
+from flexgen.analysis.missing_springs import additions, without
 from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import SolverError
 from flexgen.identification.causes import explain as causes
 from flexgen.identification.causes.hypotheses import masses_of, transform, with_sample_time
-from flexgen.identification.causes.missing_springs import additions, without
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import FitStatus
@@ -128,7 +128,7 @@ def test_a_spring_across_a_plane_changes_no_residual_of_a_planar_arm():
     residuals.use_structure(x)
     columns = causes._columns_of_springs(residuals, x, causes.stack(residuals.weight(x, False)[0]))
     across = [column for spring, column in columns if spring.name in ("q1_u", "q2_u")]
-    assert len(across) == 6 and np.abs(across).max() < 1e-6
+    assert len(across) == 8 and np.abs(across).max() < 1e-6
 
 
 def test_the_rest_of_a_soft_arm_does_not_depend_on_the_searches_before():

@@ -9,10 +9,13 @@ import pytest
 from identification_cases import another, exact_responses, poses_of, small_plan, without_coulomb
 
 import flexgen
+from flexgen.analysis.missing_springs import without
 from flexgen.analysis.response_inputs import Drive
 from flexgen.identification import residuals
+from flexgen.identification.causes import explain
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.result import FitStatus
+from flexgen.mechanics.parameters import select, with_values
 
 W = 2 * np.pi * np.geomspace(1.0, 80.0, 30)
 NOISE = np.array([[0.01, 3.0], [3.0, 0.01]])  # of each response, over its size
@@ -65,3 +68,23 @@ def test_a_fault_that_noise_of_single_elements_covers_is_seen_by_its_structure(e
     monkeypatch.setattr(residuals, "SURE", 1e9)
     monkeypatch.setattr(residuals, "SURE_ALONE", 1e9)
     assert fitted(experiment, FAULT).status == FitStatus.FITTED
+
+
+def test_a_missing_spring_that_noise_covers_is_seen_by_its_own_test(monkeypatch):
+    """The cost is that of noise, and a number is off by three deviations; planted: no decrease is large enough."""
+    robot = without_coulomb("planar5_nmp")
+    (spring,) = (p for p in select(robot, ["stiffness"]) if p.name == "q3.stiffness")
+    truth = with_values(robot, {spring.name: 16.0 * spring.value})
+    data = exact_responses(truth, poses_of(robot, 3), W, Drive(5e-4))
+    sd = 6e-3 * np.abs(data.G)
+    x, y = np.random.default_rng(2).standard_normal((2, *data.G.shape)) / np.sqrt(2)
+    data = replace(data, G=data.G + sd * (x + 1j * y), variance=sd**2)
+    found = flexgen.identify(without(robot, "q3"), data, starts=1, progress=False)
+    assert found.status is FitStatus.MODEL_ERROR and found.model_error == 0.0 and found.cost < 1.2
+    assert found.causes[0].words.startswith("a missing spring arm3_z of")
+    assert found.causes[0].size == pytest.approx(16.0 * spring.value, rel=0.2)
+    monkeypatch.setattr(explain, "SEEN", np.inf)
+    found = flexgen.identify(without(robot, "q3"), data, starts=1, progress=False)
+    true = {p.name: p.value for p in select(truth, list(found.vector.names))}
+    errors = [np.log(found.values[name] / true[name]) / sd for name, sd in found.sd.items() if sd]
+    assert found.status is FitStatus.FITTED and np.abs(errors).max() > 3

@@ -10,9 +10,9 @@ from identification_cases import NOISY, another, poses_of, small_plan, without_c
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.analysis.missing_springs import additions, perpendicular, with_spring, without
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
-from flexgen.identification.causes.missing_springs import additions, perpendicular, with_spring, without
 from flexgen.identification.structure import structure
 from flexgen.model.elements import RobotModel
 

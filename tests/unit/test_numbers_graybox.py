@@ -67,6 +67,7 @@ def fitted(
     unsure: float | None = None,
     told: Any = None,
     starts: int = 1,
+    hidden: tuple[str, ...] = (),
     **more: Any,
 ) -> tuple[Any, Linear]:
     """The result of responses whose residuals have a given cost."""
@@ -78,6 +79,7 @@ def fitted(
     monkeypatch.setattr(graybox, "correct_responses", lambda r, x: (data_of("corrected"), unsure))
     monkeypatch.setattr(graybox, "find_shift", lambda r, x, A, G: np.array([0.5, -1.0]))
     monkeypatch.setattr(graybox, "explain", lambda r, x: ("a cause",))
+    monkeypatch.setattr(graybox, "hidden_causes", lambda r, x: hidden)
     monkeypatch.setattr(graybox, "IdentificationResult", Made)
     monkeypatch.setattr(graybox, "_report_hidden", lambda *given: ("hidden",))
     given: dict[str, Any] = {"data": data_of("measured"), "residual": "nls", "structured": False, "floor": None} | more
@@ -96,6 +98,15 @@ def test_a_fit_of_noise_is_the_least_squares_fit(monkeypatch: pytest.MonkeyPatch
     assert_allclose(found.formal_covariance, np.diag([4.0, 9.0]))
     assert found.weak == ("hidden",) and found.causes == () and found.at_bound == () and 0 < found.wall_s < 60
     assert linear.steps == ["springs"] and found.weights == "nls" and found.iterations >= 2
+
+
+def test_a_hidden_cause_makes_a_fit_of_noise_a_model_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not where the model error is given, nor of logarithms."""
+    found, _ = fitted(monkeypatch, 1.0, hidden=("a spring",))
+    assert found.status is FitStatus.MODEL_ERROR and found.causes == ("a spring",) and found.model_error == 0.0
+    for given in ({"floor": 0.0}, {"residual": "lls"}):
+        found, _ = fitted(monkeypatch, 1.0, hidden=("a spring",), **given)
+        assert found.status is FitStatus.FITTED and found.causes == ()
 
 
 def test_a_fit_averages_springs_and_corrects_large_motions(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,11 +12,11 @@ from identification_cases import exact_responses, without_coulomb
 from numpy.testing import assert_allclose
 
 import flexgen
+from flexgen.analysis import missing_springs
 from flexgen.analysis.response_inputs import Drive
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification import local_model, time_domain, verdict
 from flexgen.identification import structure as searched
-from flexgen.identification import time_domain, verdict
-from flexgen.identification.causes import missing_springs
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus, IdentificationResult
@@ -41,7 +41,7 @@ def test_a_stiff_spring_is_removed_from_ten_strong_evidence_on(
 
     Shown to see: N, 2 N, the factor of n_p, the order of both fits, and the threshold.
     """
-    monkeypatch.setattr(missing_springs, "FREQUENCIES", (35.0,))  # quicker
+    monkeypatch.setattr(local_model, "FREQUENCIES", (35.0,))  # quicker
     model = without_coulomb("planar5_nmp")
     data = responses(missing_springs.without(model, "q3"), lines)
     given = missing_springs.with_spring(model, "q3", 1e9, 1e3)

@@ -11,6 +11,9 @@ the model file. The best ones are fitted, together with all parameters:
 
     share = (cost - cost with the hypothesis) / (cost - degrees of freedom)
 
+A fit that noise explains is asked for hidden causes as well: of a small fault the gain of its own hypothesis is seen
+long before the cost, which has the noise of all data in it.
+
 Source: C. R. Rao, Proc. Cambridge Philosophical Society 44, 1948 (score test).
 """
 
@@ -18,14 +21,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexgen.analysis.missing_springs import additions
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.causes.hypotheses import Change, Changed, Number, changes_of, extend, numbers_of
-from flexgen.identification.causes.missing_springs import additions, with_sizes
 from flexgen.identification.frequency_response import Frf
+from flexgen.identification.local_model import with_sizes
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import Residuals
 from flexgen.model.elements import RobotModel
@@ -37,6 +41,9 @@ EXPLAINED = 0.95  # a gross fault that explains so much is the cause
 ALSO = 0.05  # a cause that explains so much less than the best one is named too
 STEP = 1e-4  # of differences in the logarithm of the factor of a change
 LARGEST_FACTOR = 3.0  # its logarithm
+SEEN = (
+    30.0  # decrease of chi-square by a hidden cause: noise makes 15 in one of 100 fits, by the best of 100 hypotheses
+)
 NEAR = 0.03  # of the root of the cost, where it is that of the noise
 ALIKE = 0.3  # relative difference of responses up to which they are alike
 
@@ -84,25 +91,45 @@ def explain(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
     if misfit <= 0:
         return ()
     changes = list(changes_of(residuals.data))
-    causes = _refits(residuals, _find_gross(residuals, changes), best, misfit)
+
+    def share(hypotheses: Sequence[Hypothesis]) -> list[Cause]:
+        return [replace(cause, share=min(cause.share / misfit, 1.0)) for cause in _refits(residuals, hypotheses, best)]
+
+    causes = share(_find_gross(residuals, changes))
     if not any(cause.share > EXPLAINED for cause in causes):
-        causes += _refits(residuals, _find_small(residuals, changes, best.x), best, misfit)
+        causes += share(_find_small(residuals, changes, best.x))
         if all(cause.share < EXPLAINED for cause in causes):  # a step says little of a resonance that is missing
-            causes += _refits(residuals, _every_spring(residuals), best, misfit)
+            causes += share(_every_spring(residuals))
+    return _best(causes)
+
+
+def hidden_causes(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
+    """Causes that decrease chi-square by more than noise does, of a fit whose cost is that of the noise.
+
+    Shares are those of the largest decrease.
+    """
+    found = _find_small(residuals, list(changes_of(residuals.data)), x, SEEN / 2)
+    causes = [each for each in _refits(residuals, found, _search(residuals, x)) if 2 * each.share > SEEN]
+    most = max((cause.share for cause in causes), default=1.0)
+    return _best([replace(cause, share=cause.share / most) for cause in causes])
+
+
+def _best(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """The best one, and those that explain nearly as much."""
     best_of = {cause.words: cause for cause in sorted(causes, key=lambda cause: cause.share)}
-    causes = sorted(best_of.values(), key=lambda cause: -cause.share)
-    return tuple(cause for cause in causes if cause.share >= max(LEAST_SHARE, causes[0].share - ALSO))
+    ordered = sorted(best_of.values(), key=lambda cause: -cause.share)
+    return tuple(cause for cause in ordered if cause.share >= max(LEAST_SHARE, ordered[0].share - ALSO))
 
 
-def _refits(residuals: Residuals, hypotheses: Sequence[Hypothesis], best: Fit, misfit: float) -> list[Cause]:
-    """The share that each hypothesis explains, with all parameters fitted."""
+def _refits(residuals: Residuals, hypotheses: Sequence[Hypothesis], best: Fit) -> list[Cause]:
+    """The decrease of the cost by each hypothesis, with all parameters fitted, as a share."""
     out = []
     for hypothesis in hypotheses:
         try:
             cost, words, size = refit(residuals, hypothesis, best.x)
         except (SolverError, ArgumentError, np.linalg.LinAlgError):
             continue  # no equilibrium, or a number that this model cannot have
-        out.append(Cause(words, min(max((best.cost - cost) / misfit, 0.0), 1.0), size))
+        out.append(Cause(words, max(best.cost - cost, 0.0), size))
     return out
 
 
@@ -115,8 +142,10 @@ def _find_gross(residuals: Residuals, changes: Sequence[Changed]) -> list[Hypoth
     return [changes[k] for _, k in rated[:REFITS]]
 
 
-def _find_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray) -> list[Hypothesis]:
-    """The hypotheses with the largest score steps at x."""
+def _find_small(
+    residuals: Residuals, changes: Sequence[Changed], x: np.ndarray, least: float = 0.0
+) -> list[Hypothesis]:
+    """The hypotheses with the largest score steps at x, above the ``least``."""
     r, J = as_real(*residuals.weight(x, True))
     basis = np.linalg.qr(J)[0]
     columns: list[tuple[Hypothesis, np.ndarray]] = [
@@ -129,13 +158,14 @@ def _find_small(residuals: Residuals, changes: Sequence[Changed], x: np.ndarray)
         gain, key = score(basis, r, column), hypothesis.name if isinstance(hypothesis, Spring) else hypothesis
         if key not in rated or rated[key][0] < gain:  # of one spring the best stiffness
             rated[key] = gain, hypothesis
-    return [hypothesis for _, hypothesis in sorted(rated.values(), key=lambda pair: -pair[0])[:REFITS]]
+    large = [pair for pair in rated.values() if pair[0] >= least]
+    return [hypothesis for _, hypothesis in sorted(large, key=lambda pair: -pair[0])[:REFITS]]
 
 
 def _every_spring(residuals: Residuals) -> list[Hypothesis]:
     """All missing springs, of two stiffnesses: searches from stiffer ones can end where there is no spring."""
     added, pose = additions(residuals.vector.model), residuals.data.poses[:1]
-    return [Spring(dof.name, model) for dof, made in added for model in with_sizes(made, dof.name, pose)[:-1]]
+    return [Spring(dof.name, model) for dof, made in added for model in with_sizes(made, dof.name, pose)[:2]]
 
 
 def score(basis: np.ndarray, r: np.ndarray, column: np.ndarray) -> float:

@@ -6,11 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexgen.identification.local_model import LocalModel
 from flexgen.model.elements import Dof, LinearSpring, RobotModel
-
-FREQUENCIES = (12.0, 35.0, 90.0)  # Hz: of a new spring and the inertia that it carries, where its search begins
-DAMPING = 0.03  # of critical
 
 
 def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
@@ -66,15 +62,3 @@ def with_spring(model: RobotModel, name: str, stiffness: float, damping: float) 
         for e in model.elements
     )
     return replace(model, elements=elements)
-
-
-def with_sizes(model: RobotModel, new: str, pose: np.ndarray) -> list[RobotModel]:
-    """The model with a new spring of several stiffnesses, by the inertia that it carries at a pose (1, n_m)."""
-    local = LocalModel(with_spring(model, new, 1e12, 1e6), ())
-    M = local.matrices(local.values, pose)[0][0]
-    at = [c.name for c in model.coordinates].index(new)
-    out = []
-    for w in 2 * np.pi * np.array(FREQUENCIES):
-        stiffness = float(M[at, at] * w**2)
-        out.append(with_spring(model, new, stiffness, float(2 * DAMPING * stiffness / w)))
-    return out
