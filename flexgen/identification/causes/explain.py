@@ -41,9 +41,7 @@ EXPLAINED = 0.95  # a gross fault that explains so much is the cause
 ALSO = 0.05  # a cause that explains so much less than the best one is named too
 STEP = 1e-4  # of differences in the logarithm of the factor of a change
 LARGEST_FACTOR = 3.0  # its logarithm
-SEEN = (
-    30.0  # decrease of chi-square by a hidden cause: noise makes 15 in one of 100 fits, by the best of 100 hypotheses
-)
+SEEN = 30.0  # decrease of chi-square by a hidden cause; the best of 100 by chance: 15 in one of 100 fits
 NEAR = 0.03  # of the root of the cost, where it is that of the noise
 ALIKE = 0.3  # relative difference of responses up to which they are alike
 
