@@ -26,7 +26,7 @@ import numpy as np
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.experiments.experiment import Experiment, fade_in, largest_rate
+from flexgen.identification.experiments.experiment import FINER, Experiment, fade_in, largest_rate
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive, is_of_sensor
@@ -86,7 +86,7 @@ class Simulated:
         self.sd = _standard_deviation(w2 * measured)
         self.quiet = replace(plan.hardware, encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0)
         # As in the experiment; the method is stable for friction up to 2.7 times as steep as at the start.
-        self.steps = integration_steps(plan.hardware, largest_rate(self.local, plan.poses))
+        self.steps = integration_steps(plan.hardware, FINER * largest_rate(self.local, plan.poses))
         self.shift = np.zeros_like(self.measured)  # by noise
         self.count, self.simulations = self.measured.size, 0
         self._known: tuple[np.ndarray, np.ndarray, float] | None = None  # the last derivatives, at which x and cost

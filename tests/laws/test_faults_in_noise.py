@@ -67,6 +67,7 @@ def test_a_fault_that_noise_of_single_elements_covers_is_seen_by_its_structure(e
     assert found.causes[0].words == "torque of m1 1 % too large in the record"
     monkeypatch.setattr(residuals, "SURE", 1e9)
     monkeypatch.setattr(residuals, "SURE_ALONE", 1e9)
+    monkeypatch.setattr(explain, "SEEN", np.inf)
     assert fitted(experiment, FAULT).status == FitStatus.FITTED
 
 

@@ -349,7 +349,7 @@ def test_spectra_are_those_of_a_period_after_the_transients(
     assert_allclose(law.speed_gain, [1.0, 5.0])
     assert_allclose(y, [[0, 1, 2], [4, 5, 6]])
     assert_allclose(at, poses[[1, 0]])
-    assert (noise, loop.seed, loop.steps) == (0.0, 0, (h, 3e3)) and loop.torque is rest.tau_m
+    assert (noise, loop.seed, loop.steps) == (0.0, 0, (h, time_domain.FINER * 3e3)) and loop.torque is rest.tau_m
     whole = max(transients, 1) * n
     first = round(float(np.abs(given.reference(1, 0, 2)[0]).max()), 9)
     assert loop.calls[0] == (0.2, n)  # fades in from the pose
