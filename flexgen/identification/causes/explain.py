@@ -107,6 +107,8 @@ def hidden_causes(residuals: Residuals, x: np.ndarray) -> tuple[Cause, ...]:
     Shares are those of the largest decrease.
     """
     found = _find_small(residuals, list(changes_of(residuals.data)), x, SEEN / 2)
+    if not found:
+        return ()
     causes = [each for each in _refits(residuals, found, _search(residuals, x)) if 2 * each.share > SEEN]
     most = max((cause.share for cause in causes), default=1.0)
     return _best([replace(cause, share=cause.share / most) for cause in causes])
