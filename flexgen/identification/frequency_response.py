@@ -408,12 +408,18 @@ def _without_transient_period(experiment: Experiment) -> tuple[Experiment, tuple
     if experiment.beside is None or experiment.beside_later is None or not differs.any():
         return experiment, ()
     plan, signals = experiment.plan, experiment.signals
-    later = replace(plan, periods=plan.periods - 1, transients=plan.transients + 1)
-    return replace(
-        experiment, plan=later, tau_m=experiment.tau_m[:, :, :, 1:], q_m=experiment.q_m[:, :, :, 1:],
-        signals=None if signals is None else signals[:, :, :, 1:], offsets=experiment.offsets_later,
-        beside=experiment.beside_later, offsets_later=None, beside_later=None,
-    ), (f"a transient is in the first of {plan.periods} periods; it is left out",)  # fmt: skip
+    later = replace(
+        experiment,
+        plan=replace(plan, periods=plan.periods - 1, transients=plan.transients + 1),
+        tau_m=experiment.tau_m[:, :, :, 1:],
+        q_m=experiment.q_m[:, :, :, 1:],
+        signals=None if signals is None else signals[:, :, :, 1:],
+        offsets=experiment.offsets_later,
+        beside=experiment.beside_later,
+        offsets_later=None,
+        beside_later=None,
+    )
+    return later, (f"a transient is in the first of {plan.periods} periods; it is left out",)
 
 
 def _check_transients(experiment: Experiment) -> tuple[str, ...]:

@@ -141,7 +141,7 @@ def test_the_self_test_of_one_coordinate_is_written_and_passes(slide, tmp_path):
 def test_an_excitation_of_a_robot_without_springs_asks_for_parameters(slide: Path) -> None:
     """It named 'stiffness', which was not given; a viscous friction is a number that can be found."""
     band = {"f_min": 1.0, "f_max": 50.0, "poses": 1, "lines": 5, "progress": False}
-    with pytest.raises(ArgumentError, match="free: given none, expected names: slide has no stiffness"):
+    with pytest.raises(ArgumentError, match="free: given none, expected names: slide has no springs"):
         flexgen.excite(slide, **band)  # type: ignore[arg-type]
     viscous = flexgen.read(slide, overrides={"motor.m1.friction": {"viscous": 0.01}})
     assert list(flexgen.excite(viscous, **band).predicted) == ["m1.viscous"]  # type: ignore[arg-type]

@@ -149,7 +149,7 @@ def default_free(model: RobotModel) -> list[str]:
     viscous = [f"{motor.name}.viscous" for motor in model.motors if motor.friction.viscous != 0.0]
     names = [name for name in (*FREE, *viscous) if has_group(model, name)]
     if not names:
-        raise ArgumentError(f"free: given none, expected names: {model.title} has no stiffness, damping or viscous")
+        raise ArgumentError(f"free: given none, expected names: {model.title} has no springs or viscous friction")
     return names
 
 
