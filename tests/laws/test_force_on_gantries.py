@@ -7,40 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from one_axis import one_axis
 
 import flexgen
 from flexgen.errors import ArgumentError
 
 MASS, STIFFNESS, RATIO, ROTOR = 80.0, 2e6, 300.0, 1e-3
 SIZE, DURATION = 150.0, 0.5
-GANTRY = f"""
-name = "gantry"
-gravity = [0.0, 0.0, -9.81]
-home_rad = [0.0]
-[[element]]
-name = "bridge"
-body = {{ mass = {MASS}, inertia = [1, 1, 1] }}
-[[element.dof]]
-name = "x"
-type = "translation"
-axis = [1, 0, 0]
-gear = {{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {STIFFNESS} }} }}
-[[motor]]
-name = "m1"
-drives = "x"
-ratio = {RATIO}
-inertia = {ROTOR}
-[output]
-type = "tool_position"
-axes = "x"
-[[move]]
-name = "there"
-type = "joint"
-start_rad = [0.0]
-end_rad = [0.3]
-duration = {DURATION}
-smoothness = 5
-"""
+ELASTIC = f'{{ type = "elastic", side = "arm", spring = {{ type = "linear", stiffness = {STIFFNESS} }} }}'
+GANTRY = one_axis("gantry", ELASTIC, mass=MASS, ratio=RATIO, rotor=ROTOR, way=0.3, duration=DURATION)
 
 
 def pushing(t: np.ndarray) -> np.ndarray:

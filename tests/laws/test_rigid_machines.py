@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_axis import one_axis
 from scipy.integrate import solve_ivp
 from toolchain import needs_compiler, tool
 
@@ -18,36 +19,9 @@ from flexgen.errors import ArgumentError
 
 MASS, RATIO, ROTOR, SD = 80.0, 300.0, 1e-3, 0.03
 WAY, DURATION, LARGEST = 0.3, 0.5, 10.0  # m, s, N m
-SLIDE = f"""
-name = "slide"
-gravity = [0.0, 0.0, -9.81]
-home_rad = [0.0]
-[[element]]
-name = "carriage"
-body = {{ mass = {MASS}, inertia = [1, 1, 1] }}
-[[element.dof]]
-name = "x"
-type = "translation"
-axis = [1, 0, 0]
-gear = {{ type = "rigid" }}
-[[motor]]
-name = "m1"
-drives = "x"
-ratio = {RATIO}
-inertia = {ROTOR}
-[output]
-type = "tool_position"
-axes = "x"
-[[move]]
-name = "there"
-type = "joint"
-start_rad = [0.0]
-end_rad = [{WAY}]
-duration = {DURATION}
-smoothness = 5
-[uncertainty]
-masses = {SD}
-"""
+RIGID = '{ type = "rigid" }'
+SLIDE = one_axis("slide", RIGID, mass=MASS, ratio=RATIO, rotor=ROTOR, way=WAY, duration=DURATION)
+SLIDE += f"[uncertainty]\nmasses = {SD}\n"
 
 
 @pytest.fixture
