@@ -7,8 +7,9 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
+from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
 from flexgen.errors import ArgumentError
@@ -22,6 +23,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _inside: ContextVar[bool] = ContextVar("inside", default=False)  # a call that reports is under way
+_lock, _limits, _blocks = Lock(), ExitStack(), 0  # of `_one_blas_thread`
 
 
 def silent(line: str) -> None:
@@ -60,7 +62,7 @@ def reported(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 @contextmanager
 def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
-    """The function that takes the progress messages of a call; None where nothing is shown.
+    """The function that takes the progress messages of a call; None where nothing is shown. BLAS has one thread.
 
     Parameters
     ----------
@@ -81,11 +83,34 @@ def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
     line = None if callable(progress) or not shown else _Line(name)
     token = _inside.set(True)
     try:
-        yield progress if callable(progress) else None if line is None else line.show
+        with _one_blas_thread():
+            yield progress if callable(progress) else None if line is None else line.show
     finally:
         _inside.reset(token)
         if line is not None:
             line.clear()
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """Numpy and scipy multiply and factorize on one thread until the last of such blocks, in any thread, ends.
+
+    The matrices are small: threads that wait for each other take up to five times as long where another program works.
+    """
+    global _blocks
+    from threadpoolctl import threadpool_limits
+
+    with _lock:
+        if _blocks == 0:
+            _limits.enter_context(threadpool_limits(limits=1, user_api="blas"))
+        _blocks += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _blocks -= 1
+            if _blocks == 0:
+                _limits.close()
 
 
 class _Line:

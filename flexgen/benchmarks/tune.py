@@ -28,8 +28,8 @@ from flexgen.benchmarks.scenario_file import scenario
 from flexgen.benchmarks.score import Score, draw_totals, reference_measures, robot_scores, score
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, FlexgenError
-from flexgen.executors import with_executor
 from flexgen.loop.controllers import Cascade, Linear
+from flexgen.numerics.executors import with_executor
 from flexgen.position_servo.filters import LowPass, Notch
 from flexgen.progress import Choice, reported
 from flexgen.results import Result

@@ -1,4 +1,4 @@
-"""Executors of shards: this process and a process pool; `flexgen.executors` has those of others."""
+"""Executors of shards: this process and a process pool; `flexgen.numerics.executors` has those of others."""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ import numpy as np
 from flexgen.codegen.digest import model_digest
 from flexgen.counts import CASES, count_of
 from flexgen.errors import ArgumentError, FlexgenError
-from flexgen.executors import with_executor
 from flexgen.model.elements import RobotModel
+from flexgen.numerics.executors import with_executor
 from flexgen.progress import Choice, reported
 from flexgen.results import Result
 from flexgen.sweeps.cases import Case, Grid

@@ -56,7 +56,6 @@ FLOORS = {
     "deprecation": 0,
     "display": 0,
     "errors": 0,
-    "executors": 0,
     "interpolation": 0,
     "npz_files": 0,
     "position_servo": 0,
@@ -108,7 +107,13 @@ WITHOUT_CASADI = ["errors", "spec", "trajectory", "model", "clib", "runtime", "c
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only
 HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
 RUNTIME_NEEDS = {"runtime", "counts", "errors", "progress", "spec", "type_checks", "types_of_values"}
-RUNTIME_NEEDS |= {"", "deprecation", "registry", "version"}  # the package itself, which is imported with its modules
+RUNTIME_NEEDS |= {
+    "",
+    "blas_threads",
+    "deprecation",
+    "registry",
+    "version",
+}  # the package itself, which is imported with its modules
 
 # Modules that import what a variable names: a name from a table that another module has handed down, or a user's file.
 IMPORT_BY_NAME = {"flexgen", "flexgen.registry"}

@@ -22,7 +22,7 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.codegen.interface": {"INTERVALS_MAX": 10000, "SAMPLES_MAX": 1000},
         "flexgen.errors": {"GIVEN": 600, "MESSAGE": 4000},
         "flexgen.equations_text.equations": {"MAX_COORDINATES": 4},
-        "flexgen.executors": {"IN_FLIGHT": 32},
+        "flexgen.numerics.executors": {"IN_FLIGHT": 32},
         "flexgen.gears.identify": {"MOST": 64},
         "flexgen.gears.signals": {"PER_PERIOD": 5, "EVEN": 0.02, "LEAST_HZ": 5.0},
         "flexgen.identification.experiments.excitation": {"MOST_SAMPLES": 10_000_000, "MOST_PERIODS": 100000},

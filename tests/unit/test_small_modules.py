@@ -1,6 +1,6 @@
 """Modules below the rooms, at the edges of their ranges: texts of values, time limits, curves, arrays, lost workers.
 
-Of `flexgen.display`, `flexgen.counts`, `flexgen.deadline`, `flexgen.progress`, `flexgen.executors`,
+Of `flexgen.display`, `flexgen.counts`, `flexgen.deadline`, `flexgen.progress`, `flexgen.numerics.executors`,
 `flexgen.interpolation`, `flexgen.torque_curve`, `flexgen.array_files`, `flexgen.atomic_files` and
 `flexgen.types_of_values`.
 """
@@ -23,10 +23,12 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from flexgen import array_files, atomic_files, counts, deadline, display, executors, progress, torque_curve
+from flexgen import array_files, atomic_files, counts, deadline, display, progress, torque_curve
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.interpolation import interpolate
+from flexgen.numerics import executors
 from flexgen.types_of_values import Names, check_of, items_of
 
 
@@ -159,6 +161,27 @@ def test_one_line_of_progress_is_replaced_and_removed(monkeypatch: pytest.Monkey
         assert show is None and none is None
     with pytest.raises(ArgumentError, match="progress: given 3, expected a function of one line, True, False or None"):
         progress.reporting(3, "solve").__enter__()
+
+
+def test_long_calls_compute_on_one_thread_of_blas() -> None:
+    """Until the last of them has ended, also with an error; then as many threads as before."""
+
+    def threads() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    first, second = progress._one_blas_thread(), progress._one_blas_thread()
+    with threadpool_limits(limits=2, user_api="blas"):
+        with progress.reporting(False, "solve"), progress.reporting(False, "simulate"):
+            assert threads() == {1}
+        assert threads() == {2}
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        assert threads() == {1}
+        second.__exit__(None, None, None)
+        with pytest.raises(ValueError, match="failed"), progress._one_blas_thread():
+            raise ValueError("failed")
+        assert threads() == {2}
 
 
 def test_shards_are_submitted_again_once_and_at_most_two_for_a_worker() -> None:

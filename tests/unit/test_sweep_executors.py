@@ -14,7 +14,7 @@ import pytest
 from sweep_grids import batch_grid, sources_stay
 
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.executors import with_executor
+from flexgen.numerics.executors import with_executor
 from flexgen.sweeps import sweep as sweeps
 from flexgen.sweeps.executors import in_pool, in_process
 from flexgen.sweeps.jobs import Job, Rows, Shard
