@@ -66,7 +66,7 @@ def _of_bends(
         step = np.zeros(len(free))
         step[free] = root @ unit
         try:
-            bends.append(problem.bend(found.x, found.rest, slopes, step)[free])
+            bends.append(problem.bend(found.x, slopes, step)[free])
         except SolverError:
             continue  # so far that the springs do not carry the arm
     if not bends:

@@ -146,7 +146,7 @@ class _Study:
         if tilt is None:
             return found, accuracy_of(problem, found), None
         problem = Problem(statics, measured, unknowns, self.robust, self._whitening(statics, found, tilt, self.valid))
-        found = fit(problem, found.x, found.rest.deflection, tell)
+        found = fit(problem, found.x, found.rest.near, progress=tell)
         return found, accuracy_of(problem, found), self._tilt(found)
 
     def _tilt(self, found: Minimum) -> Tilt | None:
@@ -173,9 +173,9 @@ class _Study:
             kept = np.setdiff1d(np.arange(len(order)), left_out)
             inner = None if whitening is None else whitening[kept]
             problem = Problem(self.statics.among(kept), self.measured[kept], self.unknowns, self.robust, inner)
-            one = fit(problem, whole.x, whole.rest.deflection[kept])
+            one = fit(problem, whole.x, whole.rest.near.among(kept), whole.damping)
             numbers, others = problem.numbers(one.x), self.statics.among(left_out)
-            rest = others.rest(numbers, whole.rest.deflection[left_out])
+            rest = others.rest(numbers, whole.rest.near.among(left_out))
             errors[left_out] = np.linalg.norm(rest.measured - self.measured[left_out], axis=2)
             if seen is not None and tilt is not None:
                 seen[left_out] = seen_others(others, numbers, rest, self.measured[left_out], tilt)

@@ -67,7 +67,7 @@ def tilt_slopes(statics: Statics, numbers: Numbers, rest: Rest, elements: Sequen
     """``B`` (N, 3 k, 3) of each element."""
     names = [f"{element}.{shift}" for element in elements for shift in SHIFTS[3:]]
     turns = [Unknown(name, "rad", "node", (statics.tree.index[name],), 0.0, 1.0) for name in names]
-    slopes = np.split(statics.slopes(numbers, rest, turns), len(elements), axis=3)
+    slopes = np.split(statics.slopes(numbers, rest, turns)[0], len(elements), axis=3)
     return [each.reshape(len(rest.q), -1, 3) for each in slopes]
 
 

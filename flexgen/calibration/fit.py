@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.calibration.parameters import Unknown
-from flexgen.calibration.statics import Numbers, Rest, Statics
+from flexgen.calibration.statics import Near, Numbers, Rest, Statics
 from flexgen.deadline import check_time
 from flexgen.errors import SolverError
 
@@ -36,7 +36,10 @@ LEAST = 1e-3  # least compliance, as a part of that of the model: a stiffness of
 
 @dataclass(frozen=True)
 class Minimum:
-    """``x`` (p,), ``rest``, ``gap`` (N, k, 3), ``errors`` (N, k) [m], ``scale`` [m]; ``converged``: it is one."""
+    """``x`` (p,), ``rest``, ``gap`` (N, k, 3), ``errors`` (N, k) [m], ``scale`` [m]; ``converged``: it is one.
+
+    ``damping``: of the last steps, where a search nearby starts.
+    """
 
     x: np.ndarray
     rest: Rest
@@ -44,6 +47,7 @@ class Minimum:
     errors: np.ndarray
     scale: float
     converged: bool
+    damping: float
 
 
 class Problem:
@@ -73,7 +77,7 @@ class Problem:
         """All numbers of the tree."""
         return Numbers.of(self.statics.tree, self.unknowns, x)
 
-    def evaluate(self, x: np.ndarray, near: np.ndarray | None) -> tuple[Rest, np.ndarray, np.ndarray]:
+    def evaluate(self, x: np.ndarray, near: Near | None) -> tuple[Rest, np.ndarray, np.ndarray]:
         """The rest, the differences (N, k, 3), zero where nothing was measured, and their lengths (N, k) [m]."""
         rest = self.statics.rest(self.numbers(x), near)
         gap = np.where(self.valid[..., None], rest.measured - self.measured, 0.0)
@@ -101,7 +105,7 @@ class Problem:
         """Sums of the normal equations."""
         u, _ = self._sizes(gap, scale)
         weights = np.minimum(1.0, TUNING / np.maximum(u, 1e-12)) if self.robust else np.ones(u.shape)
-        J = self.statics.slopes(self.numbers(x), rest, self.unknowns)
+        J, near = self.statics.slopes(self.numbers(x), rest, self.unknowns)
         J = np.where(self.valid[:, :, None, None], J, 0.0)
         N, p = len(J), len(x)
         rows, r = J.reshape(N, -1, p), gap.reshape(N, -1)
@@ -112,14 +116,14 @@ class Problem:
             w = np.broadcast_to(weights, r.shape)
         rows, r = np.sqrt(w)[..., None] * rows, np.sqrt(w) * r
         flat = rows.reshape(-1, p)
-        return Slopes(flat.T @ flat, rows, r, self.precision * (x - self.center), np.sqrt(w))
+        return Slopes(flat.T @ flat, rows, r, self.precision * (x - self.center), np.sqrt(w), near)
 
     def curvature(self, slopes: Slopes) -> np.ndarray:
         """Half the curvature (p, p) of the objective, also along numbers without any information."""
         matrix = slopes.A + np.diag(self.precision)
         return np.asarray(matrix + FLAT * np.diag(np.diag(matrix)))
 
-    def bend(self, x: np.ndarray, rest: Rest, slopes: Slopes, step: np.ndarray) -> np.ndarray:
+    def bend(self, x: np.ndarray, slopes: Slopes, step: np.ndarray) -> np.ndarray:
         """J' W y'' (p,), y'': second derivative of the positions along a step, from a small part of it.
 
         Raises
@@ -127,7 +131,7 @@ class Problem:
         SolverError
             There is no equilibrium.
         """
-        _, gap, _ = self.evaluate(x + PROBE * step, rest.deflection)
+        _, gap, _ = self.evaluate(x + PROBE * step, slopes.near)
         r = gap.reshape(len(gap), -1)
         r = r if self.whitening is None else (self.whitening @ r[..., None])[..., 0]
         change = (slopes.roots * r - slopes.gaps) / PROBE
@@ -138,7 +142,7 @@ class Problem:
 class Slopes:
     """``A`` (p, p): J' W J; ``rows`` (N, 3 k, p): W^1/2 J of each pose; ``gaps`` (N, 3 k): W^1/2 r; ``prior`` (p,).
 
-    ``roots`` (N, 3 k): of the weights.
+    ``roots`` (N, 3 k): of the weights; ``near``: where equilibria of numbers nearby are searched from.
     """
 
     A: np.ndarray
@@ -146,6 +150,7 @@ class Slopes:
     gaps: np.ndarray
     prior: np.ndarray
     roots: np.ndarray
+    near: Near
 
     @property
     def whole(self) -> np.ndarray:
@@ -162,18 +167,19 @@ class Slopes:
 def fit(
     problem: Problem,
     start: np.ndarray,
-    deflection: np.ndarray | None = None,
+    near: Near | None = None,
+    damping: float = DAMPING,
     progress: Callable[[str], None] | None = None,
 ) -> Minimum:
-    """Minimize the objective from the values ``start`` (p,); ``deflection`` (N, n_E): where equilibria are searched.
+    """Minimize the objective from the values ``start`` (p,); ``near``: where the search for equilibria starts.
 
     Raises
     ------
     SolverError
         There is no equilibrium at the start.
     """
-    x, damping, converged, straight = np.maximum(start.astype(float), problem.lower), DAMPING, False, True
-    rest, gap, lengths = problem.evaluate(x, deflection)
+    x, converged, straight = np.maximum(start.astype(float), problem.lower), False, True
+    rest, gap, lengths = problem.evaluate(x, near)
     for count in range(STEPS):
         check_time("calibrate")
         scale = problem.scale(lengths)
@@ -187,8 +193,8 @@ def fit(
             damped = matrix + damping * np.diag(np.diag(matrix))
             try:
                 step = _bounded_step(damped, slopes.whole, problem.lower - x)
-                there = x + (step if straight else _bent_step(problem, x, rest, slopes, damped, step))
-                trial = problem.evaluate(there, rest.deflection)
+                there = x + (step if straight else _bent_step(problem, x, slopes, damped, step))
+                trial = problem.evaluate(there, slopes.near)
                 after = problem.objective(there, trial[1], scale)
             except SolverError:
                 after = np.inf
@@ -206,15 +212,13 @@ def fit(
             converged = True
             break
     errors = np.where(problem.valid, lengths, np.nan)
-    return Minimum(x, rest, gap, errors, problem.scale(lengths), converged)
+    return Minimum(x, rest, gap, errors, problem.scale(lengths), converged, damping)
 
 
-def _bent_step(
-    problem: Problem, x: np.ndarray, rest: Rest, slopes: Slopes, matrix: np.ndarray, step: np.ndarray
-) -> np.ndarray:
+def _bent_step(problem: Problem, x: np.ndarray, slopes: Slopes, matrix: np.ndarray, step: np.ndarray) -> np.ndarray:
     """The step, and where it is small against that, the acceleration along a valley that bends."""
     least = problem.lower - x
-    more = np.where(step > least, -0.5 * np.linalg.solve(matrix, problem.bend(x, rest, slopes, step)), 0.0)
+    more = np.where(step > least, -0.5 * np.linalg.solve(matrix, problem.bend(x, slopes, step)), 0.0)
     size = np.diag(matrix)
     small = size @ more**2 < BEND**2 * (size @ step**2)
     return np.maximum(step + more, least) if small else step

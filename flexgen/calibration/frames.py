@@ -102,9 +102,9 @@ def _place_element(
 ) -> Numbers:
     """The pose of an element at its parent, from the trackers that it carries."""
     tree = statics.tree
-    nodes = [tree.index[f"{name}.{s}"] for s in SHIFTS]
-    R_before, p_before = rest.posture.R[nodes[0]], rest.posture.o[nodes[0]]
-    R_after, p_after = rest.posture.R[nodes[-1]], rest.posture.p[nodes[-1]]
+    nodes = np.array([tree.index[f"{name}.{s}"] for s in SHIFTS])
+    R_before, p_before = rest.posture.frame(nodes[0])[0], rest.posture.axes(nodes[:1])[1][0]
+    R_after, p_after = rest.posture.frame(nodes[-1])
     world = (y - numbers.frame[:3]) @ frame_rotation(numbers.frame)
     inner, outer = [], []
     for k, mount in enumerate(statics.places):
@@ -129,7 +129,7 @@ def _place_trackers(
     world = (y - numbers.frame[:3]) @ frame_rotation(numbers.frame)
     found, points = numbers.trackers.copy(), rest.points.copy()
     for k, mount in enumerate(statics.places):
-        R = rest.posture.R[mount.node] @ mount.rotation
+        R = rest.posture.frame(mount.node)[0] @ mount.rotation
         origin = statics.tree.point(rest.posture, mount, np.zeros(3))
         found[k] = _in_frame(R, origin, world[:, k])[valid[:, k]].mean(axis=0)
         points[:, k] = origin + R @ found[k]

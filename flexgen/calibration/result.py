@@ -178,7 +178,7 @@ class Calibration(Result):
         if count > len(candidates):
             raise ArgumentError(f"count: given {count}, expected 1 to {len(candidates)}, the number of candidates")
         statics, numbers = Statics(Tree(self.nominal), np.asarray(candidates, dtype=float)), self._numbers
-        J = statics.slopes(numbers, statics.rest(numbers), self.unknowns).reshape(len(candidates), -1, len(self.x))
+        J = statics.slopes(numbers, statics.rest(numbers), self.unknowns)[0].reshape(len(candidates), -1, len(self.x))
         J = J / max(float(np.nanmedian(self.errors)), 1e-9)
         covariance = self.covariance.copy()
         chosen: list[int] = []

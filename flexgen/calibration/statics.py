@@ -23,8 +23,10 @@ from flexgen.calibration.tree import IDENTITY, Posture, Tree, rotations
 from flexgen.errors import SolverError
 
 NEWTON_STEPS = 20
-TOGETHER = 32  # poses that are computed at a time, in the cache of a processor
-SETTLED = 1e-9  # rad or m: largest difference of a deflection from load times compliance
+TOGETHER = 16  # poses that are computed at a time, in the cache of a processor
+SETTLED = 1e-10  # rad or m: largest difference of a deflection from load times compliance
+SLOW = 0.1  # part that a step of Newton's method leaves of this difference from which on its matrix is renewed
+NO_EQUILIBRIUM = "calibration: a pose has no static equilibrium, the springs do not carry the arm"
 
 
 @dataclass(frozen=True)
@@ -71,32 +73,42 @@ class Numbers:
 
 
 @dataclass(frozen=True)
+class Near:
+    """Where Newton's method starts: ``deflection`` (N, n_E); ``inverse`` (N, n_E, n_E): of ``1 - c T' H T`` nearby."""
+
+    deflection: np.ndarray
+    inverse: np.ndarray | None = None
+
+    def among(self, rows: np.ndarray) -> Near:
+        """The same for some of the poses."""
+        return Near(self.deflection[rows], None if self.inverse is None else self.inverse[rows])
+
+
+@dataclass(frozen=True)
 class Rest:
     """The robot at rest at N poses.
 
-    ``q`` (N, n): values of the nodes; ``deflection`` (N, n_E); ``load`` (N, n_E): ``tau`` [N m or N]; ``points``
-    (N, k, 3): the trackers in the world; ``measured`` (N, k, 3): in the frame of the measurement [m].
+    ``q`` (N, n): values of the nodes; ``near``: deflections, and what found them; ``load`` (N, n_E): ``tau`` [N m or
+    N]; ``points`` (N, k, 3): the trackers in the world; ``measured`` (N, k, 3): in the frame of the measurement [m].
     """
 
     q: np.ndarray
-    deflection: np.ndarray
+    near: Near
     load: np.ndarray
     points: np.ndarray
     measured: np.ndarray
     posture: Posture
-    loads: Loads | None
 
 
 @dataclass(frozen=True)
 class Loads:
     """Loads of gravity on all nodes.
 
-    ``tau`` (n, N) [N m or N]; ``T`` (n, n_E); ``crossed`` (n, N, 3): ``g x z``, zero of translations; ``shift`` (n,
-    N, 3): change of the first moment of all bodies [kg m] in a node; ``centers`` (b, N, 3): of mass, in the world [m].
+    ``tau`` (n, N) [N m or N]; ``crossed`` (n, N, 3): ``g x z``, zero of translations; ``shift`` (n, N, 3): change of
+    the first moment of all bodies [kg m] in a node; ``centers`` (b, N, 3): of mass, in the world [m].
     """
 
     tau: np.ndarray
-    T: np.ndarray
     crossed: np.ndarray
     shift: np.ndarray
     centers: np.ndarray
@@ -133,8 +145,8 @@ class Statics:
         """The same for other poses."""
         return Statics(self.tree, commands)
 
-    def rest(self, numbers: Numbers, start: np.ndarray | None = None, *, rigid: bool = False) -> Rest:
-        """The robot at rest under gravity; Newton's method starts from the deflections ``start`` (N, n_E).
+    def rest(self, numbers: Numbers, near: Near | None = None, *, rigid: bool = False) -> Rest:
+        """The robot at rest under gravity, by Newton's method from ``near``, whose matrix is kept while it converges.
 
         ``rigid``: without deflections, and without their slopes.
 
@@ -146,60 +158,74 @@ class Statics:
         T = self._moves(numbers)
         direct = np.tile(numbers.shifts, (len(self.commands), 1))
         direct[:, self.actuated] += self.commands
-        deflection = np.zeros((len(direct), len(self.elastic))) if start is None else start
-        c = numbers.compliances
+        moving = self.actuated + ([] if rigid else list(self.elastic)) + self.mechanisms
+        places = self.tree.places(numbers.shifts, np.unique(moving))
+        near = near or Near(np.zeros((len(direct), len(self.elastic))))
+        deflection, inverse, largest, last = near.deflection, near.inverse, np.inf, None
         for _ in range(NEWTON_STEPS):
             q = self._values(numbers, direct, deflection)
-            posture = self.tree.posture(q)
+            posture = self.tree.posture(q, places)
             if rigid:
-                loads, load = None, np.zeros_like(deflection)
+                load = np.zeros_like(deflection)
                 break
-            loads = self._loads(numbers, posture, T)
-            given, rising = self._joint_torques(numbers, q)
-            load = (T.T @ loads.tau).T + given
-            gap = c * load - deflection
-            if not len(c) or np.abs(gap).max() < SETTLED:
+            tau = self._loads(numbers, posture, self.rows).tau
+            load = (T[self.rows].T @ tau).T + self._joint_torques(numbers, q)[0]
+            gap = numbers.compliances * load - deflection
+            before, largest = largest, np.abs(gap).max(initial=0.0)
+            if largest < SETTLED:
                 break
-            step = np.full_like(gap, np.nan)
-            for some in _parts(len(q)):
-                H = self._load_slopes(loads, self.rows, some)
-                H = self._of_moves(H, T, range(len(c)), range(len(c), len(self.rows)))
-                matrix = np.eye(len(c)) - c[:, None] * (H + rising[some])
-                try:
-                    step[some] = np.linalg.solve(matrix, gap[some][..., None])[..., 0]
-                except np.linalg.LinAlgError:
-                    break
+            if inverse is None or largest > SLOW * before:
+                inverse, last = self._inverse(numbers, posture, q, T), None
+            step = _broyden_step((inverse @ gap[..., None])[..., 0], last)
             if not np.abs(step).max() < 1.0:
-                raise SolverError("calibration: a pose has no static equilibrium, the springs do not carry the arm")
-            deflection = deflection + step
+                raise SolverError(NO_EQUILIBRIUM)
+            deflection, last = deflection + step, step
         else:
             raise SolverError(f"calibration: no static equilibrium in {NEWTON_STEPS} steps")
-        places = zip(self.places, numbers.trackers, strict=True)
-        points = np.stack([self.tree.point(posture, mount, x) for mount, x in places], axis=1)
+        trackers = zip(self.places, numbers.trackers, strict=True)
+        points = np.stack([self.tree.point(posture, mount, x) for mount, x in trackers], axis=1)
         measured = numbers.frame[:3] + points @ frame_rotation(numbers.frame).T
-        return Rest(q, deflection, load, points, measured, posture, loads)
+        return Rest(q, Near(deflection, inverse), load, points, measured, posture)
 
-    def slopes(self, numbers: Numbers, rest: Rest, unknowns: Sequence[Unknown]) -> np.ndarray:
-        """Derivatives (N, k, 3, p) of the measured positions in the unknowns, at a rest of the same numbers."""
-        loads, c = rest.loads, numbers.compliances
-        assert loads is not None  # of a rest that is not rigid
+    def _inverse(self, numbers: Numbers, posture: Posture, q: np.ndarray, T: np.ndarray) -> np.ndarray:
+        """That of ``1 - c T' H T`` (N, n_E, n_E)."""
+        loads, rising = self._loads(numbers, posture), self._joint_torques(numbers, q)[1]
+        try:
+            parts = (self._matrix(numbers, self._load_slopes(loads, T, p), T, rising[p]) for p in _parts(len(q)))
+            return np.concatenate([np.linalg.inv(matrix) for matrix in parts])
+        except np.linalg.LinAlgError:
+            raise SolverError(NO_EQUILIBRIUM) from None
+
+    def _matrix(self, numbers: Numbers, H: np.ndarray, T: np.ndarray, rising: np.ndarray) -> np.ndarray:
+        """``1 - c T' H T`` (N, n_E, n_E)."""
+        slope = self._of_moves(H, T, self.elastic, self.mechanisms) + rising
+        return np.asarray(np.eye(len(numbers.compliances)) - numbers.compliances[:, None] * slope)
+
+    def slopes(self, numbers: Numbers, rest: Rest, unknowns: Sequence[Unknown]) -> tuple[np.ndarray, Near]:
+        """Derivatives (N, k, 3, p) of the measured positions in the unknowns, at a rest of the same numbers.
+
+        And where a search for equilibria of numbers nearby starts.
+        """
+        loads, T, c = self._loads(numbers, rest.posture), self._moves(numbers), numbers.compliances
         at = np.array([unknown.at[0] for unknown in unknowns], int)
         nodes, springs, mechanisms, frame, masses, centers = (
             [i for i, unknown in enumerate(unknowns) if unknown.kind == kind]
             for kind in ("node", "compliance", "factor", "frame", "mass", "center")
         )
         heavy = masses + centers
-        T, every, rising = loads.T, np.arange(len(self.tree.nodes)), self._joint_torques(numbers, rest.q)[1]
-        weights = np.swapaxes(self._weight_slopes(numbers, rest, [unknowns[i] for i in heavy]), 1, 2)
+        rising = self._joint_torques(numbers, rest.q)[1]
+        weights = np.swapaxes(self._weight_slopes(numbers, rest.posture, loads, [unknowns[i] for i in heavy]), 1, 2)
         change = c * self._of_moves(weights, T, range(len(c)), range(len(c), len(self.rows)))
         places = [(mount, rest.points[:, k]) for k, mount in enumerate(self.places)]
         J = np.concatenate([self.tree.point_slopes(rest.posture, mount, point) for mount, point in places], axis=1)
         out = np.zeros((len(rest.q), len(places), 3, len(unknowns)))  # in the world, until the end
+        inverse = np.empty((len(out), len(c), len(c)))
         for some in _parts(len(out)):
-            H = self._load_slopes(loads, every, some)
-            matrix = np.eye(len(c)) - c[:, None] * (self._of_moves(H, T, self.elastic, self.mechanisms) + rising[some])
+            H = self._load_slopes(loads, T, some)
+            matrix = self._matrix(numbers, H, T, rising[some])
             moved = self._of_moves(J[some], T, self.elastic, self.mechanisms)
-            L = np.swapaxes(np.linalg.solve(np.swapaxes(matrix, 1, 2), np.swapaxes(moved, 1, 2)), 1, 2)
+            inverse[some] = np.linalg.inv(matrix)
+            L = moved @ inverse[some]
             D = J[some] + (L * c) @ H
             part = out[some].reshape(len(D), -1, len(unknowns))
             part[:, :, nodes] = D[:, :, at[nodes]]
@@ -215,12 +241,12 @@ class Statics:
             if unknown.kind == "tracker":
                 k, axis = unknown.at
                 mount = self.places[k]
-                out[:, k, :, i] = (rest.posture.R[mount.node] @ mount.rotation)[:, :, axis]
+                out[:, k, :, i] = rest.posture.frame(mount.node)[0] @ mount.rotation[:, axis]
         out = frame_rotation(numbers.frame) @ out
         turned = frame_slopes(numbers.frame)
         for i in frame:
             out[..., i] = IDENTITY[at[i]] if at[i] < 3 else rest.points @ turned[at[i] - 3].T
-        return out
+        return out, Near(rest.near.deflection, inverse)
 
     def _moves(self, numbers: Numbers) -> np.ndarray:
         """``T`` (n, n_E): the nodes that each elastic coordinate moves, through mechanisms too."""
@@ -253,33 +279,32 @@ class Statics:
                 slope[:, k, k] += n * (sine * np.cos(x) - cosine * np.sin(x))
         return torque, slope
 
-    def _loads(self, numbers: Numbers, posture: Posture, T: np.ndarray) -> Loads:
-        """Loads and their slopes; see `flexgen.calibration.tree`."""
+    def _loads(self, numbers: Numbers, posture: Posture, on: np.ndarray | None = None) -> Loads:
+        """Loads and their slopes, of all nodes or only those on some; see `flexgen.calibration.tree`."""
         tree, g = self.tree, self.gravity
+        z, o = posture.every if on is None else posture.axes(on)
+        on = np.arange(len(z)) if on is None else on
         bodies = zip(tree.bodies, numbers.centers, strict=True)
         centers = np.stack([tree.point(posture, mount, x) for (_, mount, _), x in bodies])
-        weighted = tree.carries[:, self.held] * numbers.masses  # (n, b)
+        weighted = tree.carries[on][:, self.held] * numbers.masses  # (n, b)
         mass = weighted.sum(axis=1)
-        moment = np.tensordot(weighted, centers, 1) - mass[:, None, None] * posture.o
-        sliding = self.slides[:, None, None]
-        shift = np.where(sliding, mass[:, None, None] * posture.z, np.cross(posture.z, moment))  # d(sum m c)/dq
-        crossed = np.where(sliding, 0.0, np.cross(g, posture.z))
-        return Loads(shift @ g, T, crossed, shift, centers)
+        moment = np.tensordot(weighted, centers, 1) - mass[:, None, None] * o
+        sliding = self.slides[on, None, None]
+        shift = np.where(sliding, mass[:, None, None] * z, np.cross(z, moment))  # d(sum m c)/dq
+        return Loads(shift @ g, np.where(sliding, 0.0, np.cross(g, z)), shift, centers)
 
-    def _load_slopes(self, loads: Loads, columns: np.ndarray, some: slice) -> np.ndarray:
-        """``T' H`` (poses, n_E, columns): slopes of the loads of the elastic coordinates in the values of nodes."""
+    def _load_slopes(self, loads: Loads, T: np.ndarray, some: slice) -> np.ndarray:
+        """``T' H`` (poses, n_E, n): slopes of the loads of the elastic coordinates in the values of all nodes."""
         carries, rows, n = self.tree.carries, self.rows, len(self.elastic)
-        is_carried, carried_by = carries[np.ix_(rows, columns)], carries[np.ix_(columns, rows)].T
         a = np.swapaxes(loads.crossed[:, some], 0, 1)  # (., n, 3)
         b = np.moveaxis(loads.shift[:, some], 0, 2)  # (., 3, n)
-        H = a[:, rows] @ b[:, :, columns]
-        carrying = np.swapaxes(H if columns is rows else a[:, columns] @ b[:, :, rows], 1, 2)
-        H, carrying = H * is_carried.astype(float), carrying * (carried_by & ~is_carried).astype(float)
-        H += carrying
+        H = a[:, rows] @ b
+        carried = np.swapaxes(a @ b[:, :, rows], 1, 2)
+        H = np.where(carries[rows], H, np.where(carries[:, rows].T, carried, 0.0))
         slopes = H[:, :n]
         for k, m in enumerate(self.mechanisms):
-            for e in np.flatnonzero(loads.T[m]):
-                slopes[:, e] += loads.T[m, e] * H[:, n + k]
+            for e in np.flatnonzero(T[m]):
+                slopes[:, e] += T[m, e] * H[:, n + k]
         return slopes
 
     def _of_moves(self, H: np.ndarray, T: np.ndarray, elastic: Iterable[int], mechanisms: Iterable[int]) -> np.ndarray:
@@ -290,24 +315,34 @@ class Statics:
                 out[:, :, e] += T[m, e] * H[:, :, k]
         return out
 
-    def _weight_slopes(self, numbers: Numbers, rest: Rest, unknowns: Sequence[Unknown]) -> np.ndarray:
+    def _weight_slopes(self, numbers: Numbers, at: Posture, loads: Loads, unknowns: Sequence[Unknown]) -> np.ndarray:
         """Derivatives (N, rows, p) of loads in masses and coordinates of centers of mass; rows: elastic, mechanisms."""
-        rows, loads, at = self.rows, rest.loads, rest.posture
-        assert loads is not None
-        held = self.held[[unknown.at[0] for unknown in unknowns]]
-        arms = np.empty((len(rest.q), 3, len(unknowns)))
+        rows, held = self.rows, self.held[[unknown.at[0] for unknown in unknowns]]
+        arms = np.empty((loads.tau.shape[1], 3, len(unknowns)))
         for i, unknown in enumerate(unknowns):
             body = unknown.at[0]
             if unknown.kind == "mass":
                 arms[..., i] = loads.centers[body]
             else:
                 axis = self.tree.bodies[body][1].rotation[:, unknown.at[1]]
-                arms[..., i] = numbers.masses[body] * (at.R[held[i]] @ axis)
+                arms[..., i] = numbers.masses[body] * (at.frame(held[i])[0] @ axis)
         slopes = np.swapaxes(loads.crossed[rows], 0, 1) @ arms
-        own = np.where(self.slides[rows], (at.z[rows] @ self.gravity).T, 0.0)
-        own -= np.einsum("aNi,aNi->Na", loads.crossed[rows], at.o[rows])
+        z, o = at.axes(rows)
+        own = np.where(self.slides[rows], (z @ self.gravity).T, 0.0)
+        own -= np.einsum("aNi,aNi->Na", loads.crossed[rows], o)
         slopes[:, :, [i for i, unknown in enumerate(unknowns) if unknown.kind == "mass"]] += own[..., None]
         return slopes * self.tree.carries[np.ix_(rows, held)]
+
+
+def _broyden_step(step: np.ndarray, last: np.ndarray | None) -> np.ndarray:
+    """A step (N, n_E) of Newton's method with a matrix kept, corrected by what the last step left of the difference.
+
+    Source: C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Math. Comp. 19, 1965.
+    """
+    if last is None:
+        return step
+    part = (last * step).sum(axis=1) / np.maximum((last**2).sum(axis=1), np.finfo(float).tiny)
+    return np.asarray(step / (1.0 - np.clip(part, -0.5, 0.5))[:, None])
 
 
 def _parts(count: int) -> list[slice]:

@@ -16,6 +16,7 @@ Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 2-4.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,13 +50,55 @@ class Mount:
 
 
 @dataclass(frozen=True)
-class Posture:
-    """The tree at N poses: ``z``, ``o`` (n, N, 3) axes and origins of the nodes; ``p``, ``R``: frames after them."""
+class Places:
+    """Where nodes are in the frame after the last node before them that moves, ``stem`` (n,); -1: the base.
 
-    z: np.ndarray
-    o: np.ndarray
-    p: np.ndarray
+    ``before``, ``at`` (n, 3, 3), (n, 3): the frame in front of the motion of a node; ``R``, ``p``: that after it, of a
+    node that does not move; ``axes`` (n, 3); ``moving``: nodes that move; ``turns`` (., 9, 3): parts of the columns of
+    ``before`` times the rotations of these, to be multiplied by 1, cos and sin of their angles.
+    """
+
+    stem: np.ndarray
+    before: np.ndarray
+    at: np.ndarray
     R: np.ndarray
+    p: np.ndarray
+    axes: np.ndarray
+    moving: np.ndarray
+    turns: np.ndarray
+
+
+@dataclass(frozen=True)
+class Posture:
+    """The tree at N poses; ``moving``: the frame after the base and each node that moves.
+
+    (3, 3, N): components of the first to the third axis of the frame; (3, N): its origin.
+    """
+
+    places: Places
+    moving: dict[int, tuple[np.ndarray, np.ndarray]]
+
+    def frame(self, node: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation (N, 3, 3) and position (N, 3) [m] of the frame after a node; -1: the base."""
+        still = node not in self.moving
+        frame, p = self.moving[self.places.stem[node] if still else node]
+        R = frame.transpose(2, 1, 0)
+        return (R @ self.places.R[node], p.T + R @ self.places.p[node]) if still else (R, p.T)
+
+    def axes(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Axes and origins (n, N, 3) of some nodes."""
+        stem, N = self.places.stem[nodes], self.moving[-1][1].shape[1]
+        z, o = np.empty((2, len(nodes), 3, N))
+        for k in np.unique(stem):
+            on, (frame, p) = stem == k, self.moving[k]
+            z[on] = _in_world(frame, self.places.axes[nodes[on]])
+            o[on] = p + _in_world(frame, self.places.at[nodes[on]])
+        return np.swapaxes(z, 1, 2), np.swapaxes(o, 1, 2)
+
+    @cached_property
+    def every(self) -> tuple[np.ndarray, np.ndarray]:
+        """Those of all nodes."""
+        return self.axes(np.arange(len(self.places.stem)))
 
 
 class Tree:
@@ -109,29 +152,46 @@ class Tree:
         self.nodes.append(Node(name, mount.node, mount.position, mount.rotation, axis, slides))
         return Mount(len(self.nodes) - 1, np.zeros(3), IDENTITY)
 
-    def posture(self, q: np.ndarray) -> Posture:
-        """Axes and frames at the values ``q`` (N, n) of the nodes [rad or m]."""
-        n, N = len(self.nodes), len(q)
-        z, o, p = np.zeros((n, N, 3)), np.zeros((n, N, 3)), np.zeros((n, N, 3))
-        R = np.zeros((n, N, 3, 3))
+    def places(self, q: np.ndarray, moving: np.ndarray) -> Places:
+        """The constant places, where only the nodes ``moving`` have other values than ``q`` (n,) [rad or m]."""
+        n = len(self.nodes)
+        stem, moves = np.empty(n, int), np.isin(np.arange(n), moving)
+        before, R, at, p = np.empty((n, 3, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
+        slides, axes = np.array([node.slides for node in self.nodes]), np.array([node.axis for node in self.nodes])
+        turned = rotations(axes, np.where(slides, 0.0, q))
+        shifted = np.where(slides, q, 0.0)[:, None] * axes
         for k, node in enumerate(self.nodes):
-            before = R[node.parent] if node.parent >= 0 else IDENTITY[None]
-            at = _times(before, node.position) + (p[node.parent] if node.parent >= 0 else 0.0)
-            turned = before if node.rotation is IDENTITY else _times(before, node.rotation)
-            z[k], o[k] = _times(turned, node.axis), at
-            if node.slides:
-                R[k], p[k] = turned, at + q[:, k, None] * z[k]
-            elif (q[:, k] == q[0, k]).all():  # the unknown shifts: most of the nodes
-                R[k], p[k] = _times(turned, rotations(node.axis, q[:1, k])[0]), at
+            m = node.parent
+            stem[k], R_m, p_m = (m, IDENTITY, 0.0) if m < 0 or moves[m] else (stem[m], R[m], p[m])
+            before[k], at[k] = R_m @ node.rotation, p_m + R_m @ node.position
+            R[k], p[k] = before[k] @ turned[k], at[k] + before[k] @ shifted[k]
+        parts = np.stack([before @ part for part in _rotation_parts(axes)], axis=-1)[moving]  # (., row, column, part)
+        turns = np.swapaxes(parts, 1, 2).reshape(len(moving), 9, 3)
+        return Places(stem, before, at, R, p, (before @ axes[..., None])[..., 0], moving, turns)
+
+    def posture(self, q: np.ndarray, places: Places | None = None) -> Posture:
+        """Axes and frames at the values ``q`` (N, n) of the nodes [rad or m].
+
+        ``places``: those of the nodes that have the same value at all poses, as most errors of placements have.
+        """
+        places = places or self.places(q[0], np.flatnonzero((q != q[0]).any(axis=0)))
+        value = q[:, places.moving].T
+        turns = places.turns @ np.stack([np.ones_like(value), np.cos(value), np.sin(value)], axis=1)  # (., 9, N)
+        moving = {-1: (np.repeat(IDENTITY[..., None], len(q), axis=2), np.zeros((3, len(q))))}
+        for k, x, turn in zip(places.moving, value, turns.reshape(len(value), 3, 3, -1), strict=True):
+            frame, p = moving[places.stem[k]]
+            at = p + _in_world(frame, places.at[k])
+            if self.nodes[k].slides:
+                moving[k] = _in_world(frame, places.before[k].T), at + x * _in_world(frame, places.axes[k])
             else:
-                R[k], p[k] = turned @ rotations(node.axis, q[:, k]), at
-        return Posture(z, o, p, R)
+                x_axis, y_axis, z_axis = frame
+                moving[k] = turn[:, :1] * x_axis + turn[:, 1:2] * y_axis + turn[:, 2:] * z_axis, at
+        return Posture(places, moving)
 
     def point(self, at: Posture, mount: Mount, position: np.ndarray) -> np.ndarray:
         """Position (N, 3) [m] in the world of a point of a frame."""
-        if mount.node < 0:
-            return np.broadcast_to(mount.position + mount.rotation @ position, at.p.shape[1:])
-        return at.p[mount.node] + at.R[mount.node] @ (mount.position + mount.rotation @ position)
+        R, p = at.frame(mount.node)
+        return np.asarray(p + R @ (mount.position + mount.rotation @ position))
 
     def point_slopes(self, at: Posture, mount: Mount, point: np.ndarray) -> np.ndarray:
         """Derivatives (N, 3, n) of a point of a frame in the values of all nodes."""
@@ -139,21 +199,26 @@ class Tree:
         if mount.node >= 0:
             on = np.flatnonzero(self.carries[:, mount.node])
             sliding = np.array([self.nodes[a].slides for a in on])[:, None, None]
-            each = np.where(sliding, at.z[on], np.cross(at.z[on], point - at.o[on]))
-            slopes[:, :, on] = np.moveaxis(each, 0, 2)
+            z, o = at.every[0][on], at.every[1][on]
+            slopes[:, :, on] = np.moveaxis(np.where(sliding, z, np.cross(z, point - o)), 0, 2)
         return slopes
 
 
-def _times(R: np.ndarray, constant: np.ndarray) -> np.ndarray:
-    """``R @ constant`` of matrices (N, 3, 3) and a constant matrix or vector, as one product."""
-    return (R.reshape(-1, 3) @ constant).reshape(R.shape[:2] + constant.shape[1:])
+def _in_world(frame: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) of a frame (3, 3, N) in the world: (..., 3, N)."""
+    return (vectors @ frame.reshape(3, -1)).reshape(vectors.shape[:-1] + frame.shape[1:])
 
 
-def rotations(axis: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Rotation matrices (N, 3, 3) about a unit axis by the angles ``q`` (N,) [rad] (Rodrigues)."""
-    x, y, z = axis
-    hat, outer = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]), np.outer(axis, axis)
-    return outer + np.cos(q)[:, None, None] * (IDENTITY - outer) + np.sin(q)[:, None, None] * hat
+def rotations(axes: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Rotation matrices (N, 3, 3) about unit axes, (N, 3) or one, by the angles ``q`` (N,) [rad] (Rodrigues)."""
+    constant, cosine, sine = _rotation_parts(axes)
+    return np.asarray(constant + np.cos(q)[:, None, None] * cosine + np.sin(q)[:, None, None] * sine)
+
+
+def _rotation_parts(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The parts (..., 3, 3) of rotation matrices that are constant, times the cosine, and times the sine."""
+    along = axes[..., :, None] * axes[..., None, :]
+    return along, IDENTITY - along, np.cross(IDENTITY, axes[..., None, :])
 
 
 def _place(mount: Mount, placement: Placement) -> Mount:

@@ -114,7 +114,7 @@ def test_changed_keys_and_slopes_of_an_arm_with_counterbalances() -> None:
     rest = statics.rest(numbers)
     changed = flexgen.read("manutec_r3_18", overrides=overrides_of_balanced() | changes_of(model, numbers))
     assert np.abs(flexgen.tracker_positions(changed, q) - rest.points).max() < 1e-9
-    slopes = statics.slopes(numbers, rest, unknowns)
+    slopes, _ = statics.slopes(numbers, rest, unknowns)
     for k, u in enumerate(unknowns):
         if u.name.split(".")[0] in ("q2", "q3", "t3z"):
             step = np.zeros(len(x))
@@ -130,7 +130,7 @@ def test_slopes_are_differences() -> None:
     tree, unknowns, x = drawn(flexgen.read(JUSTIN), GROUPS, Priors(compliance=0.3, mass=0.1))
     statics = Statics(tree, commands(3, joints=17))
     rest = statics.rest(Numbers.of(tree, unknowns, x))
-    slopes = statics.slopes(Numbers.of(tree, unknowns, x), rest, unknowns)
+    slopes, _ = statics.slopes(Numbers.of(tree, unknowns, x), rest, unknowns)
     kinds = {u.kind for u in unknowns}
     assert kinds == {"node", "frame", "tracker", "compliance", "factor", "mass", "center"}
     for k, u in list(enumerate(unknowns))[::3] + [(k, u) for k, u in enumerate(unknowns) if u.kind == "factor"]:
@@ -351,7 +351,8 @@ def test_proposed_poses_tell_more_than_random_ones() -> None:
 
     def gain(q: np.ndarray) -> float:
         statics = Statics(Tree(arm()), q)
-        J = statics.slopes(found._numbers, statics.rest(found._numbers), found.unknowns).reshape(-1, len(found.x))
+        slopes, _ = statics.slopes(found._numbers, statics.rest(found._numbers), found.unknowns)
+        J = slopes.reshape(-1, len(found.x))
         J = J / np.nanmedian(found.errors)
         return float(np.linalg.slogdet(np.eye(len(J)) + J @ found.covariance @ J.T)[1])
 

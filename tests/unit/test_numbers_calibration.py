@@ -20,7 +20,7 @@ from flexgen.calibration import fit as fits
 from flexgen.calibration.accuracy import accuracy_of
 from flexgen.calibration.fit import Problem, Slopes, fit
 from flexgen.calibration.parameters import GROUPS, Priors, Unknown, unknowns_of
-from flexgen.calibration.statics import Numbers, Statics, frame_rotation, frame_slopes
+from flexgen.calibration.statics import Near, Numbers, Statics, frame_rotation, frame_slopes
 from flexgen.calibration.tree import Tree, rotations
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
@@ -66,7 +66,7 @@ def case(name: str, seed: int = 1) -> tuple[Statics, Numbers, list[Any], np.ndar
 def test_slopes_of_all_numbers_are_differences(name: str) -> None:
     statics, numbers, unknowns, x = case(name)
     rest = statics.rest(numbers)
-    found = statics.slopes(numbers, rest, unknowns)
+    found, _ = statics.slopes(numbers, rest, unknowns)
     assert found.shape == (4, 2, 3, len(unknowns)) and {u.kind for u in unknowns} >= {"node", "frame", "tracker"}
     factors = [u.name for u in unknowns if u.kind == "factor"]
     assert factors == (["q3.mimic.q1", "q3.mimic.q2"] if name == "mechanism" else [])
@@ -97,7 +97,7 @@ def test_a_rest_balances_springs_and_gravity(name: str) -> None:
     statics = Statics(tree, commands)
     numbers = Numbers.of(tree)
     rest = statics.rest(numbers)
-    assert_allclose(rest.deflection, rest.load * numbers.compliances, atol=1e-9)
+    assert_allclose(rest.near.deflection, rest.load * numbers.compliances, atol=1e-9)
     gravity = derive(model).function("gravity")
     names = [c.name for c in model.coordinates]
     for k in range(5):
@@ -112,14 +112,17 @@ def test_a_rest_balances_springs_and_gravity(name: str) -> None:
     points = [np.array(p).ravel() + np.array(R) @ tip[0] for p, R in expected]
     assert_allclose(rest.points[:, 0], points, atol=1e-9)
     rigid = statics.rest(numbers, rigid=True)
-    assert not rigid.deflection.any() and rigid.loads is None
+    assert not rigid.near.deflection.any() and rigid.near.inverse is None
     assert_allclose(rigid.q[:, statics.actuated], commands)
     soft = replace(numbers, compliances=1e3 * numbers.compliances * np.ones(len(tree.elastic)))
     if name == "elbow":
         with pytest.raises(SolverError, match=r"^calibration: (a pose has )?no static equilibrium"):
             statics.rest(replace(soft, compliances=0 * soft.compliances + 1.0))
-    again = statics.rest(numbers, rest.deflection)
+    again = statics.rest(numbers, rest.near)
     assert_allclose(again.q, rest.q, atol=1e-12)
+    for inverse in (rest.near.inverse, None if rest.near.inverse is None else rest.near.inverse[::-1]):
+        far = statics.rest(numbers, Near(np.zeros_like(rest.near.deflection), inverse))  # also with that of other poses
+        assert_allclose(far.q, rest.q, atol=1e-9)
     part = statics.among(np.array([3, 1])).rest(numbers)
     assert_allclose(part.measured, rest.measured[[3, 1]], atol=1e-9)
 
@@ -285,7 +288,7 @@ def test_slopes_of_a_pose_have_its_errors_in_a_fit_without_it() -> None:
     every = list(range(7))
     x, J = best(every), rows[:, :, free]
     inverse = np.linalg.inv(np.einsum("nrp,nrq->pq", J, J) + prior[np.ix_(free, free)])
-    slopes = Slopes(np.eye(4), rows, J @ x - y, np.zeros(4), np.ones(y.shape))
+    slopes = Slopes(np.eye(4), rows, J @ x - y, np.zeros(4), np.ones(y.shape), Near(y))
     for k, slope in enumerate(slopes.leave_out_each(free, inverse)):
         assert_allclose(inverse @ slope, best(every[:k] + every[k + 1 :]) - x, rtol=1e-10)
 
@@ -306,8 +309,8 @@ def lines(robust: bool, whitening: np.ndarray | None = None) -> tuple[Lines, np.
     rows = [("compliance", 0.1, 1.0), ("compliance", 0.2, 0.05), ("frame", 0.0, np.inf), ("center", -0.5, 0.5)]
     unknowns = [Unknown(kind, "", kind, (0,), start, sd) for kind, start, sd in rows]
     statics: Any = SimpleNamespace(
-        rest=lambda x, near: SimpleNamespace(measured=slopes @ x, deflection=near),
-        slopes=lambda x, rest, unknowns: slopes,
+        rest=lambda x, near: SimpleNamespace(measured=slopes @ x, near=near),
+        slopes=lambda x, rest, unknowns: (slopes, rest.near),
     )
     return Lines(statics, measured, unknowns, robust, whitening), slopes
 
