@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass
 from os import cpu_count
 
@@ -63,6 +64,7 @@ FREE = 1e6  # standard deviation of priors that say nothing
 FLOOR = (2e-3, 1e-4)  # of the torques: residuals that are not weighted as if they were smaller, at first and later
 BANDS, LOWEST, EXCESS_DRAWS = 8, 0.04, 4  # of frequency; end of the first over that of all; samples of noise in them
 UNLIKELY = 0.01  # probability of less noise in a band than there is
+FINER = 3  # times as many steps, for the errors of those of the simulation
 ROUNDING = 2.5e-6  # of the torques: errors of the simulation in a band
 STICKS, SOME, HOLDS = 3.0, 2e-3, 0.1  # Coulomb friction over its sd, over the torques; slow friction over the fast one
 FRICTIONS = 3  # regressors of each motor besides cogging: viscous, Coulomb, constant
@@ -143,6 +145,7 @@ class GearModel:
         self.friction = MotorFriction(signals, self.motion)
         self.first = self._forgets()
         self.measured, self.late = self.measured[self.first :], self.late[self.first :]
+        self.step_errors = np.zeros_like(self.measured)
 
     def numbers(self, theta: np.ndarray) -> np.ndarray:
         """Numbers of the driven arm."""
@@ -181,8 +184,17 @@ class GearModel:
         slow, fast = np.abs(friction_along(derive(model).function, model, speeds, np.zeros_like(speeds)))
         motors = found_some | (slow > HOLDS * fast)
         self.friction.take_out(self.first, motors)
-        self.measured, self.late = (self.friction.project(x) for x in (self.measured, self.late))
+        kept = self.measured, self.late, self.step_errors
+        self.measured, self.late, self.step_errors = (self.friction.project(x) for x in kept)
         return bool(motors.any())
+
+    def take_out_step_errors(self, theta: np.ndarray) -> None:
+        """From now on compare torques without the errors that the steps of the simulation make at theta."""
+        finer, p = copy(self), [self.numbers(theta)]
+        finer.segments = self.segments.with_steps(FINER * self.segments.steps)
+        motion = MotorMotion.through(self.signals.time, self.signals.q_m, finer.segments.steps)
+        errors = self.arm_torques(p, self.motion)[0] - finer.arm_torques(p, motion)[0]
+        self.measured, self.step_errors = self.measured + errors - self.step_errors, errors
 
     def regressors(self, motion: MotorMotion) -> np.ndarray:
         """Derivatives (k, n_m, linear) of the torques in frictions, constants, cogging and delay."""
@@ -319,12 +331,14 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
     for close in CLOSE:
         fit = minimize(sums, cost, theta, theta, free, (lower, upper), distance=close, count=model.measured.size)
         theta = fit.x
+        model.take_out_step_errors(theta)
         white = Whitening(model.torques([theta], model.motion)[0] - model.measured, model, FLOOR[1])
         dropped = _drop(model, theta, lower, upper)
         if fit.wrong or (not dropped and close != CLOSE[0]):
             break
     for n, draws in enumerate(DRAWS, 1):
         tell(f"subtracting the part of the noise: {n} of {len(DRAWS)}")
+        model.take_out_step_errors(theta)
         error, change, covariance = _correct(model, theta, white, lower < upper, draws)
         here = theta[: model.parts]
         theta = theta - change
@@ -381,11 +395,12 @@ def _correct(
 
     def squares(J: np.ndarray) -> np.ndarray:
         """J' J of each block, (blocks, n, n)."""
-        cut = range(block, len(J), block)
-        return np.array([np.einsum("njp,njq->pq", part, part) for part in np.split(J, cut)])
+        at = range(block, len(J), block)
+        return np.array([np.einsum("njp,njq->pq", part, part) for part in np.split(J, at)])
 
     raw, scores = squares(J), 2 * np.einsum("njp,nj->np", J, white(error))
-    A, sums = 2 * raw, []
+    A, cut = 2 * raw, np.arange(0, len(scores), block)
+    own, spread = scores / 2, np.zeros_like(raw[0])
     for seed in range(draws):
         pair = np.zeros_like(scores)
         for sign in (1.0, -1.0):
@@ -394,10 +409,10 @@ def _correct(
             pair += np.einsum("njp,nj->np", J_more, r_more) / 2
             A -= squares(J_more) / (2 * draws)
         scores -= pair / draws
-        sums.append(pair.sum(axis=0))
-    blocks = np.add.reduceat(scores, np.arange(0, len(scores), block))
-    # of the part of the noise, from its samples
-    spread = np.cov(np.array(sums).T) / draws if draws > 1 else np.zeros_like(A[0])
+        parts = np.add.reduceat(pair - own, cut)
+        parts -= parts.mean(axis=0)
+        spread += parts.T @ parts / draws  # of the part of the noise, which the record has by chance more or less of
+    blocks = np.add.reduceat(scores, cut)
     return error, *_solve(A, raw.sum(axis=0), blocks, spread, free, model.errors)
 
 

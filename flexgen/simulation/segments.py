@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,12 @@ class Segments:
         self._work = rate.sz_iw() + 1, rate.sz_w() + 1
         self._run: Any = c_module(SOURCE).segments_run
         self._run.restype = ctypes.c_int64
+
+    def with_steps(self, steps: int) -> Segments:
+        """The same simulation in so many steps from one sample to the next."""
+        made = copy(self)
+        made.steps, made.step = steps, self.step * self.steps / steps
+        return made
 
     def __call__(
         self, start: np.ndarray, inputs: np.ndarray, sets: np.ndarray, offset: np.ndarray, parameters: np.ndarray

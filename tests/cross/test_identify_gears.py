@@ -98,6 +98,20 @@ def test_a_rigid_gear_next_to_an_elastic_one_stays_rigid() -> None:
     check_numbers("gear_error", 1e-2, figures=figures, unexplained=found.unexplained, band_hz=found.band_hz)
 
 
+@pytest.mark.slow
+def test_quiet_torques_of_a_tree_give_springs_within_their_deviations() -> None:
+    """The steps of the simulation leave 1e-6 of the torques, more than the noise: 20 deviations of a damping."""
+    pytest.importorskip("mujoco")
+    none = (lambda q_g, v_g, q_m, v_m, tau: (0.0 * q_g, 0.0 * q_m, tau), lambda q_g, q_m: None)
+    record = with_noise(record_in_mujoco("two_arm", lambda _: none, 40.0), 1e-5)
+    found = flexgen.identify_gears(model_of("two_arm"), record, joints=["r1", "l2"], hysteresis=False, progress=False)
+    assert found.status is GearStatus.FITTED and found.sd is not None
+    true = {"r1.stiffness": 1e5, "r1.damping": 60.0, "l2.stiffness": 5e4, "l2.damping": 30.0}
+    for name, value in true.items():
+        assert abs(found.values[name] - value) < 3.0 * found.sd[name], name
+    assert found.sd["r1.stiffness"] < 1e-3 * 1e5
+
+
 def record_of_elements(elements: Sequence[Element], seconds: float) -> flexgen.Trajectory:
     """Of planar5_nmp whose first gear has these elements of hysteresis, and whose second has none."""
     pytest.importorskip("mujoco")

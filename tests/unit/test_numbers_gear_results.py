@@ -48,6 +48,9 @@ class Linear:
         J = self.J + motion[1] * self.change[motion[0]]
         return J @ theta - self.measured, J
 
+    def take_out_step_errors(self, theta: np.ndarray) -> None:
+        """There is no simulation."""
+
     def change_by_noise(self, theta: np.ndarray) -> np.ndarray:
         return self.change[0] @ theta
 

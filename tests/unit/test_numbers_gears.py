@@ -21,7 +21,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.gears import fit, further_elements, identify
-from flexgen.gears.driven_arm import Element
+from flexgen.gears.driven_arm import Element, MotorMotion
 from flexgen.gears.signals import Signals, signals_of
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import select
@@ -232,6 +232,19 @@ def test_lost_motions_of_translations_are_found_against_their_deflections() -> N
     slide = float(3.0 * sliding.eta[1, 1] / 4.0999e6)  # the standard deviation of the force over the stiffness
     assert (first.unit, second.unit) == pytest.approx((np.pi / 180 / 60, slide))
     assert (first.lost, second.lost) == (first.unit, second.unit)
+
+
+def test_errors_of_the_steps_are_taken_out_of_the_comparison() -> None:
+    """Residuals are those of a simulation with ten times as many steps, and stay so; none accumulate."""
+    model = fit.GearModel(derive(robot(), FREE), fit.Sought(()), signals())
+    fine, recorded, theta = copy(model), model.measured, model.start
+    fine.segments = Segments(model.arm.rate, np.eye(model.arm.n_x), model.signals.sample_s, 10 * model.segments.steps)
+    motion = MotorMotion.through(model.signals.time, model.signals.q_m, fine.segments.steps)
+    exact, coarse = fine.torques([theta], motion)[0] - recorded, model.torques([theta], model.motion)[0]
+    before = np.abs(coarse - recorded - exact).max()
+    for _ in range(2):
+        model.take_out_step_errors(theta)
+        assert np.abs(coarse - model.measured - exact).max() < before / 40  # of fourth order: 1/81
 
 
 def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
