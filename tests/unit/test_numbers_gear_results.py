@@ -97,7 +97,7 @@ def entries(harmonics: tuple[int, ...] = (1, 4), cogging: tuple[int, ...] = (2, 
 
 
 def test_numbers_of_a_fit_are_its_entries_times_their_units() -> None:
-    robot = flexgen.read("elbow")
+    robot = flexgen.read("elbow", overrides={"element.upper.dof.q1.gear.side": "motor"})
     made, theta = entries()
     n, model_key = len(theta), "element.upper.dof.q1.gear"
     root = np.diag(0.01 * theta)
@@ -110,7 +110,7 @@ def test_numbers_of_a_fit_are_its_entries_times_their_units() -> None:
     assert (found["q1.stiffness"].value, found["q1.stiffness"].change) == (2.0, ("k", "", -1))
     assert found["q1.stiffness"].sd == pytest.approx(2 * sd[0]) and found["q1.stiffness"].determined
     of_first, of_other = "q1.hysteresis.", "q2.hysteresis."
-    ratio = robot.motors[0].ratio[0] ** 2 if robot.elements[0].dofs[0].gear.side == "motor" else 1.0  # type: ignore[union-attr]
+    ratio = robot.motors[0].ratio[0] ** 2  # of its square: a stiffness on the side of the motor
     assert found[of_first + "stiffness_1"].value == pytest.approx(10 * theta[1] / ratio)
     assert found[of_first + "stiffness"].value == pytest.approx((10 * theta[1] + 20 * theta[2]) / ratio)
     both = np.array([10.0, 20.0]) @ covariance[1:3, 1:3] @ [10.0, 20.0]
