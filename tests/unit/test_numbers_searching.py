@@ -36,11 +36,11 @@ class Rests:
     def rest(self, x: np.ndarray, near: Any = None) -> Any:
         if abs(x[0]) > 2.0:
             raise SolverError("no equilibrium")
-        return SimpleNamespace(measured=self.turned(x), deflection=None)
+        return SimpleNamespace(measured=self.turned(x), near=None)
 
-    def slopes(self, x: np.ndarray, rest: Any, unknowns: Any) -> np.ndarray:
+    def slopes(self, x: np.ndarray, rest: Any, unknowns: Any) -> tuple[np.ndarray, None]:
         h = 1e-6
-        return np.stack([(self.turned(x + h * e) - self.turned(x - h * e)) / (2 * h) for e in np.eye(3)], axis=-1)
+        return np.stack([(self.turned(x + h * e) - self.turned(x - h * e)) / (2 * h) for e in np.eye(3)], axis=-1), None
 
 
 def problem(monkeypatch: pytest.MonkeyPatch, measured: np.ndarray, robust: bool = True, **more: Any) -> fitting.Problem:
