@@ -95,7 +95,7 @@ def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
 def _one_blas_thread() -> Iterator[None]:
     """Numpy and scipy multiply and factorize on one thread until the last of such blocks, in any thread, ends.
 
-    The matrices are small: threads that wait for each other take up to five times as long where another program works.
+    The matrices are small: a second thread saves no time, and doubles it where another program works too.
     """
     global _blocks
     from threadpoolctl import threadpool_limits
