@@ -98,11 +98,9 @@ def _one_blas_thread() -> Iterator[None]:
     The matrices are small: a second thread saves no time, and doubles it where another program works too.
     """
     global _blocks
-    from threadpoolctl import threadpool_limits
-
     with _lock:
         if _blocks == 0:
-            _limits.enter_context(threadpool_limits(limits=1, user_api="blas"))
+            _limits.enter_context(_blas_libraries(len(sys.modules)).limit(limits=1, user_api="blas"))
         _blocks += 1
     try:
         yield
@@ -111,6 +109,14 @@ def _one_blas_thread() -> Iterator[None]:
             _blocks -= 1
             if _blocks == 0:
                 _limits.close()
+
+
+@functools.lru_cache(maxsize=1)
+def _blas_libraries(modules: int) -> Any:
+    """The libraries that are loaded with so many modules: to find them takes a millisecond."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 class _Line:
