@@ -41,6 +41,11 @@ def merge_files(name: str, files: Mapping[str, str]) -> dict[str, str]:
     return {f"{name}.h": header, f"{name}.c": text, "example.c": example}
 
 
+def merge_text(file: str, texts: Mapping[str, str]) -> str:
+    """The text of one of these files, with those of them that it includes put in."""
+    return _Merged(texts, set()).text(file)
+
+
 def _find_include(line: str) -> str | None:
     """Name of the file that a line includes in quotes, without its folder; None for every other line."""
     return PurePosixPath(line[len(_INCLUDE) :].rstrip().rstrip('"')).name if line.startswith(_INCLUDE) else None

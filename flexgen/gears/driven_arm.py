@@ -19,7 +19,6 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from flexgen.errors import SolverError
-from flexgen.library.casadi_module import casadi_module, external
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears as gears_of
 from flexgen.mechanics.motor_harmonics import gear_angles
@@ -156,8 +155,7 @@ class DrivenArm:
             return ca.Function(name, [x, motors, p], [ca.cse(ca.densify(output))])
 
         self.model, self.free, self.n_x = model, free, 2 * len(free) + count
-        self.rate, torque = function("driven_rate", dx), function("driven_torque", ca.solve(B, need))
-        self._torque = external(torque.name(), casadi_module(torque))
+        self.rate, self.torque = function("driven_rate", dx), function("driven_torque", ca.solve(B, need))
         self._rest = function("driven_rest", ca.horzcat(residual[free], ca.jacobian(residual[free], y[free])))
         self._deflections = function("driven_deflections", deflection)
         self._change = function("driven_change", ca.jacobian(dx, x))
@@ -195,14 +193,13 @@ class DrivenArm:
             found = max(found, float(np.abs(values).max()))
         return found
 
-    def segments(self, sample_s: float, rate: float) -> Segments:
-        """The simulation from sample to sample, whose steps fit to the largest eigenvalue ``rate`` [1/s]."""
-        return Segments(self.rate, np.eye(self.n_x), sample_s, max(1, int(np.ceil(sample_s * rate / STABLE))))
+    def steps(self, sample_s: float, rate: float) -> int:
+        """Steps from sample to sample that fit to the largest eigenvalue ``rate`` [1/s]."""
+        return max(1, int(np.ceil(sample_s * rate / STABLE)))
 
-    def torques(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Motor torques (n, n_m) [N m] for states (n, n_x) and motor motions (n, 3 n_m)."""
-        (torque,) = evaluate(self._torque, x, u, p)
-        return torque.reshape(len(x), -1)
+    def segments(self, sample_s: float, steps: int) -> Segments:
+        """The simulation with so many steps from sample to sample; its outputs are the motor torques [N m]."""
+        return Segments(self.rate, self.torque, sample_s, steps)
 
 
 def _with_errors(

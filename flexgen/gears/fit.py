@@ -22,10 +22,8 @@ Source: W. Fuller, Measurement Error Models, 1987, ch. 3 (corrected normal equat
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass
-from os import cpu_count
 
 import numpy as np
 from scipy.linalg import eigh
@@ -137,7 +135,8 @@ class GearModel:
         steep = self.start.copy()
         steep[len(values) : self.shapes] *= STIFFER
         self.largest = 1e12
-        self.segments = self.arm.segments(signals.sample_s, self.arm.fastest(poses, self.numbers(steep)))
+        steps = self.arm.steps(signals.sample_s, self.arm.fastest(poses, self.numbers(steep)))
+        self.segments = self.arm.segments(signals.sample_s, steps)
         self.largest = SLOWEST / self.segments.step
         self.motion = MotorMotion.through(signals.time, signals.q_m, self.segments.steps)
         self.measured, self.first = signals.torques(signals.tau_m), 0
@@ -164,12 +163,10 @@ class GearModel:
         self, numbers: Sequence[np.ndarray], motion: MotorMotion, start: np.ndarray | None = None
     ) -> list[np.ndarray]:
         """The same of the arm alone, for its numbers."""
-        inputs, at = motion.inputs, motion.samples
-        starts = [self.arm.rest(at[0, : self.n_m], p) if start is None else start for p in numbers]
-        with ThreadPoolExecutor(max(1, cpu_count() or 1), "gears") as pool:  # of calls of C, which share nothing
-            states = pool.map(self._simulate, numbers, [inputs] * len(numbers), starts)
-            found = (self.signals.torques(self.arm.torques(x, at, p)) for x, p in zip(states, numbers, strict=True))
-            return [self.friction.project(each[self.first :]) for each in found]
+        q_m = motion.samples[0, : self.n_m]
+        starts = np.array([self.arm.rest(q_m, p) if start is None else start for p in numbers])
+        found = self._simulate(np.array(numbers), motion, starts)
+        return [self.friction.project(self.signals.torques(each)[self.first :]) for each in found]
 
     def take_out_standstill(self, found: Estimate) -> bool:
         """From now on compare torques without what friction at standstill can do; whether any motor has some.
@@ -217,9 +214,10 @@ class GearModel:
         """Residuals (k, n_m) and their derivatives (k, n_m, n) at theta."""
         steps = np.where(np.arange(self.bent) < self.errors, STEP, ERROR_STEP)
         moved = [theta + step * (np.arange(len(theta)) == k) for k, step in enumerate(steps)]
-        found = self.torques([theta, *moved], motion)
-        J = np.moveaxis(found[1:] - found[0], 0, -1) / steps
-        return found[0] - self.measured, np.concatenate([J, self.regressors(motion)], axis=2)
+        linear = self.regressors(motion)
+        own, *changed = self.arm_torques([self.numbers(x) for x in (theta, *moved)], motion)
+        J = np.stack([x - own for x in changed], axis=2) / steps if changed else np.zeros((*own.shape, 0))
+        return own + linear @ theta[self.bent :] - self.measured, np.concatenate([J, linear], axis=2)
 
     def more_noise(self, seed: int, factor: float = 1.0) -> MotorMotion:
         """The motion with as much noise of the angles as the record has, once more, times a factor."""
@@ -279,17 +277,18 @@ class GearModel:
     def loops(self, theta: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Deflections of gears, torques of their elements, and these with the residuals: (k, gears, 3), arm side."""
         p, gears, at = self.numbers(theta), list(self.sought.gears), self.motion.samples
-        x = self._simulate(p, self.motion.inputs, self.arm.rest(at[0, : self.n_m], p))
+        (x,) = self._simulate(p[None], self.motion, self.arm.rest(at[0, : self.n_m], p)[None], states=True)
         kept = slice(self.signals.margin + self.first, len(at) - self.signals.margin)
         each = x[kept, x.shape[1] - self.count :]
         z = each @ np.equal.outer(self.at, gears)
         d = self.arm.deflections(x[kept], at[kept], p)[:, gears]
         return np.stack([d, z, z - (error @ self.equations.model.eta)[:, gears]], axis=2)
 
-    def _simulate(self, p: np.ndarray, inputs: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """States (n, n_x) at the samples from a state, with the numbers p."""
-        no_offset = np.zeros((1, inputs.shape[2]))
-        return self.segments(start[None], inputs[None], np.zeros(1, np.int64), no_offset, p[None])[0]
+    def _simulate(self, p: np.ndarray, motion: MotorMotion, start: np.ndarray, states: bool = False) -> np.ndarray:
+        """Motor torques (k, n, n_m) at the samples, or states, from start states (k, n_x) with numbers p (k, n_p)."""
+        inputs = motion.inputs
+        sets, no_offset = np.zeros(len(p), np.int64), np.zeros((len(p), inputs.shape[2]))
+        return self.segments(start, inputs[None], sets, no_offset, p, states=states)
 
     def _forgets(self) -> int:
         """The first sample of the filtered torques that does not depend on how the motion began."""

@@ -25,7 +25,6 @@ from flexgen.gears.fit import LEAST_LOST, LEAST_SIGNAL, NO_LOST, RANK, Estimate,
 from flexgen.gears.whitening import Whitening
 from flexgen.mechanics.lagrangian import gear_stiffness
 from flexgen.mechanics.parameters import with_values
-from flexgen.simulation.segments import Segments
 
 APART = 3.0  # deflections of slip of the first and the last further element over those of the gear's, or its inverse
 SMALL = 1e-3  # stiffness of a further element over that of the gear
@@ -101,8 +100,8 @@ class _FurtherElements:
         if elements:
             self.driven, laws = copy(model), (*sought.elements, *elements)
             arm = DrivenArm(model.equations, laws, sought.exponents, sought.errors, sought.harmonics)
-            steps, sample_s = model.segments.steps, model.signals.sample_s
-            self.driven.arm, self.driven.segments = arm, Segments(arm.rate, np.eye(arm.n_x), sample_s, steps)
+            self.driven.arm = arm
+            self.driven.segments = arm.segments(model.signals.sample_s, model.segments.steps)
 
     def equations(self, white: Whitening) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A, J'J and G of the numbers of the fit and the sizes of these elements, see `flexgen.gears.fit`."""

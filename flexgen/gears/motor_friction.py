@@ -37,12 +37,15 @@ class MotorFriction:
         self.signals, self.motion = signals, motion
         self.rests: tuple[Rests, ...] = ()
         self.sticks = False  # whether any motor has some
+        self._last: tuple[MotorMotion, np.ndarray] | None = None  # of `coulomb`
         self.parts = max(1, int(np.ceil(signals.sample_s * signals.band_hz / FINEST)))
 
     def coulomb(self, motion: MotorMotion) -> np.ndarray:
         """Torques (k, n_m) in the band for F = 1."""
-        v = self._speeds(motion)
-        return self._filter(np.tanh(v / (STEEP * np.abs(v).max(axis=0) + 1e-300)))
+        if self._last is None or self._last[0] is not motion:
+            v = self._speeds(motion)
+            self._last = motion, self._filter(np.tanh(v / (STEEP * np.abs(v).max(axis=0) + 1e-300)))
+        return self._last[1]
 
     def take_out(self, first: int, motors: np.ndarray) -> None:
         """From now on `project` leaves out standstill of these motors (n_m,), from sample ``first`` of the torques on.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from identification_cases import another, poses_of
@@ -128,31 +129,42 @@ def test_held_out_recordings_show_a_wrong_model(truth: RobotModel, tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_segments_are_those_of_another_integrator() -> None:
+@pytest.mark.parametrize("robots", [1, 19])
+def test_segments_are_those_of_another_integrator(robots: int) -> None:
+    """More robots than are computed at once; outputs are rows, a function, or the states."""
     model = flexgen.read("planar5_nmp")
     local = LocalModel(model, ["q1.stiffness"])
     rows = np.hstack([local.motor_rows, np.zeros_like(local.motor_rows)])
-    segments = Segments(local.rate, rows, 1e-3, 16)
+    x, u, p = (local.rate.sx_in(k) for k in range(3))
+    power = ca.Function("power", [x, u, p], [p * u * ca.mtimes(ca.DM(local.motor_rows), x[model.dof :])])
+    segments, powers = Segments(local.rate, rows, 1e-3, 16), Segments(local.rate, power, 1e-3, 16)
     rng = np.random.default_rng(0)
-    start = 0.1 * rng.normal(size=(3, 2 * model.dof))
-    u = rng.normal(size=(2, 20 * 16, 3, model.n_m))
-    u[:, :, 1:] = u[:, :, :1]  # constant within a step
-    k = np.array([[500.0], [600.0], [700.0]])
-    offset = rng.normal(size=(3, model.n_m))
-    sets = np.array([0, 1, 1])
-    y = segments(start, u, sets, offset, k)
+    start = 0.1 * rng.normal(size=(robots, 2 * model.dof))
+    torques = rng.normal(size=(2, 5 * 16, 3, model.n_m))
+    torques[:, :, 1:] = torques[:, :, :1]  # constant within a step
+    k = rng.uniform(500.0, 700.0, (robots, 1))
+    offset = rng.normal(size=(robots, model.n_m))
+    sets = rng.integers(0, 2, robots)
+    given = start, torques, sets, offset, k
+    y, whole, shown = segments(*given), segments(*given, states=True), powers(*given)
+    assert np.array_equal(y, whole @ rows.T) or np.abs(y - whole @ rows.T).max() < 1e-14
     rate = local.equations.function("state_rate")
-    for lane in range(3):
-        x = start[lane]
-        for step in range(20 * 16):
-            tau = u[sets[lane], step, 0] + offset[lane]
-            x = solve_ivp(
-                lambda t, s, tau=tau, lane=lane: np.array(rate(s, tau, k[lane])).ravel(),
-                (0, 6.25e-5), x, rtol=1e-10, atol=1e-12,
+    for robot in range(robots):
+        alone = segments(*(each[robot : robot + 1] for each in (start, torques[sets], sets * 0, offset, k)))
+        assert np.array_equal(alone[0], y[robot])  # whatever is computed with it
+        state = start[robot]
+        for step in range(5 * 16):
+            tau = torques[sets[robot], step, 0] + offset[robot]
+            if step % 16 == 0:
+                expected = k[robot] * tau * (local.motor_rows @ state[model.dof :])
+                assert shown[robot, step // 16] == pytest.approx(expected, rel=1e-5, abs=1e-5)
+            state = solve_ivp(
+                lambda t, s, tau=tau, robot=robot: np.array(rate(s, tau, k[robot])).ravel(),
+                (0, 6.25e-5), state, rtol=1e-10, atol=1e-12,
             ).y[:, -1]  # fmt: skip
             if step % 16 == 15:
-                expected = local.motor_rows @ x[: model.dof]
-                assert y[lane, (step + 1) // 16] == pytest.approx(expected, rel=1e-6, abs=1e-8)
+                expected = local.motor_rows @ state[: model.dof]
+                assert y[robot, (step + 1) // 16] == pytest.approx(expected, rel=1e-6, abs=1e-8)
 
 
 def test_white_noise_is_white_and_a_sine_is_not() -> None:

@@ -25,7 +25,6 @@ from flexgen.gears.driven_arm import Element, MotorMotion
 from flexgen.gears.signals import Signals, signals_of
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import select
-from flexgen.simulation.segments import Segments
 from flexgen.spec.ports import Port
 from flexgen.trajectory import Trajectory
 
@@ -238,7 +237,7 @@ def test_errors_of_the_steps_are_taken_out_of_the_comparison() -> None:
     """Residuals are those of a simulation with ten times as many steps, and stay so; none accumulate."""
     model = fit.GearModel(derive(robot(), FREE), fit.Sought(()), signals())
     fine, recorded, theta = copy(model), model.measured, model.start
-    fine.segments = Segments(model.arm.rate, np.eye(model.arm.n_x), model.signals.sample_s, 10 * model.segments.steps)
+    fine.segments = model.arm.segments(model.signals.sample_s, 10 * model.segments.steps)
     motion = MotorMotion.through(model.signals.time, model.signals.q_m, fine.segments.steps)
     exact, coarse = fine.torques([theta], motion)[0] - recorded, model.torques([theta], model.motion)[0]
     before = np.abs(coarse - recorded - exact).max()
@@ -260,7 +259,7 @@ def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
     none, weak = (np.concatenate([values, [k], shapes, [1.0], parts, [k], rest]) for k in (1e-9, size))
     steps, sample_s = model.segments.steps, model.signals.sample_s
     with_it.first, with_it.largest = model.first, model.largest
-    with_it.segments = Segments(with_it.arm.rate, np.eye(with_it.arm.n_x), sample_s, steps)
+    with_it.segments = with_it.arm.segments(sample_s, steps)
     expected = np.subtract(*with_it.torques([weak, none], model.motion)) / size
     found = further._derivatives(model.motion)[:, :, 3]
     assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())

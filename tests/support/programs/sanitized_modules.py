@@ -9,6 +9,7 @@ import os
 import sys
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ import flexgen
 import flexgen.library.c_module as c_module
 import flexgen.library.generate as generate_module
 from flexgen.errors import FlexgenError
+from flexgen.identification.local_model import LocalModel
 from flexgen.library.compiler import Compiler, find_compiler
+from flexgen.simulation.segments import Segments
 
 SANITIZE = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 PLANTED = ("sum[j] += w * c->sample_s", "sum[j + 2] += w * c->sample_s")  # writes behind the memory of the cascade
@@ -81,6 +84,19 @@ def observers(run: Any) -> None:
             tried(one.run, y, np.zeros((4, one.model.n_m)))
 
 
+def motions() -> None:
+    """Short motions of more robots than are computed at once, and of one, with inputs of their own."""
+    local, rng = LocalModel(flexgen.read("planar5_nmp"), ["q1.stiffness"]), np.random.default_rng(4)
+    n, n_m = 2 * local.model.dof, local.model.n_m
+    simulate = Segments(local.rate, np.eye(n)[:3], 1e-3, 4)
+    for robots in (1, 2, 19):
+        for bad in (1.0, *BAD):
+            inputs = bad * rng.normal(size=(2, 20, 3, n_m))
+            given = rng.normal(size=(robots, n)), inputs, rng.integers(0, 2, robots), rng.normal(size=(robots, n_m))
+            for states in (False, True):
+                tried(partial(simulate, states=states), *given, np.full((robots, 1), 600.0 * bad))
+
+
 def poses(folder: Path) -> None:
     """Inverse kinematics and functions of an arm with 18 joints, compiled with sanitizers."""
     rng = np.random.default_rng(3)
@@ -103,6 +119,7 @@ def main(folder: Path, planted: bool) -> None:
     if planted:
         real = c_module.compile_module
         c_module.compile_module = lambda name, text, **more: real(name, text.replace(*PLANTED), **more)  # type: ignore
+    motions()
     observers(controllers())
     poses(folder)
     print("no error was found")
