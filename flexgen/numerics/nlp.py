@@ -17,6 +17,9 @@ Progress = Callable[[str], None]
 BUILDING = "IPOPT, building the nonlinear program"
 
 WARM = 1e-6  # barrier and distance from bounds where IPOPT starts near a solution
+# A Hessian that is known to be positive semidefinite needs no check of the inertia, which rounding makes wrong where
+# hardly anything holds a direction: IPOPT then adds to the Hessian, and its steps are far too short.
+CONVEX = {"ipopt.neg_curv_test_tol": 1e-30, "ipopt.neg_curv_test_reg": "yes"}
 TOLERANCE = 1e-10  # on scaled constraints: an error of 1e-10 rad is 0.1 nm a meter away
 
 
@@ -42,7 +45,7 @@ class NonlinearProgram:
 
     ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper triangle)
     where an approximation serves, or a function of the multipliers of cost and constraints that gives it, else exact;
-    ``gradient``: of the cost, else by differentiation.
+    ``convex``: it is positive semidefinite, see `CONVEX`; ``gradient``: of the cost, else by differentiation.
     """
 
     x: ca.MX
@@ -51,6 +54,7 @@ class NonlinearProgram:
     jacobian: ca.MX | None = None
     hessian: ca.MX | Callable[[ca.MX, ca.MX], ca.MX] | None = None
     gradient: ca.MX | None = None
+    convex: bool = False
     lower: np.ndarray | float = 0.0
     upper: np.ndarray | float = 0.0
 
@@ -137,6 +141,8 @@ def solve_nlp(
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", n_g)
         of_lagrangian = hessian(lam_f, lam_g) if callable(hessian) else lam_f * ca.triu(hessian)
         options["hess_lag"] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [of_lagrangian])
+    if program.convex:
+        options |= CONVEX
     if program.gradient is not None:
         options["grad_f"] = ca.Function("nlp_grad_f", [x, p], [cost, program.gradient])
     if multipliers is not None:

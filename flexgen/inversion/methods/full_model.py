@@ -127,7 +127,9 @@ def collocate_full(
     cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scales.x)) ** 2) / 2
     hessian = ca.MX(ca.DM(sp.diags(weight).tocsc()))
     result = solve_nlp(
-        NonlinearProgram(x=x, cost=cost, g=g, jacobian=jacobian, hessian=hessian, lower=-upper_g, upper=upper_g),
+        NonlinearProgram(
+            x=x, cost=cost, g=g, jacobian=jacobian, hessian=hessian, convex=True, lower=-upper_g, upper=upper_g
+        ),
         guess / scales.x,
         bounds_x=_bounds_of_unknowns(model, mesh, slow, scales, bounds),
         progress=progress,
