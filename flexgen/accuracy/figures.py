@@ -34,6 +34,7 @@ from flexgen.type_checks import checked_result
 
 BAND = 1e-4  # m or rad
 MOVING, CRUISING = 0.05, 0.95  # of the largest commanded speed
+TURN = np.pi / 3  # rad, of the path within which a robot passes a plane
 ITERATIONS = 8
 Angles = tuple[float, float, float]  # about the world axes x, y, z [rad]
 
@@ -287,13 +288,19 @@ def _passing(
 ) -> np.ndarray:
     """Times (points,) [s] at which a robot passes the planes normal to the path at the samples that move.
 
-    Found by Newton's method with the commanded speed as slope.
+    Found by Newton's method with the commanded speed as slope, before the path has turned by `TURN`: a robot that stops
+    short of a corner does not pass the planes there, and is measured where it is nearest to them.
     """
     speed = np.linalg.norm(commanded[moving], axis=1)
     tangent, t = commanded[moving] / speed[:, None], time[moving].copy()
+    turns = np.arccos(np.clip((tangent[1:] * tangent[:-1]).sum(axis=1), -1.0, 1.0))
+    at = np.clip(np.cumsum(moving) - 1, 0, None)  # of the last sample that moves; of the first before it
+    turned = np.concatenate([[0.0], np.cumsum(turns)])
+    first = np.searchsorted(turned[at], turned - TURN, "left")
+    last = np.searchsorted(turned[at], turned + TURN, "right") - 1
     e = p[moving] - reference[moving]
     for _ in range(ITERATIONS):
-        t = np.clip(t - (e * tangent).sum(axis=1) / speed, time[0], time[-1])
+        t = np.clip(t - (e * tangent).sum(axis=1) / speed, time[first], time[last])
         e = _between(t, time, p) - reference[moving]
     return t
 

@@ -34,7 +34,7 @@ from flexgen.runtime.library import Library
 NOT_FINITE, TOO_LONG = "not finite", "gears or frictions slip too fast for the integration steps"
 STATUSES = ("done", NOT_FINITE, "controller failed", TOO_LONG)
 STEP_TIMES_RATE, LARGEST_STEP_TIMES_RATE = 1.0, 2.5  # of the Runge-Kutta method; stable below 2.78
-MOST_STEPS = 1000  # a sample
+MOST_STEPS, FEW = 1000, 64  # a sample; so many numbers of steps more than needed are tried before larger ones
 MOST_DELAY = 64  # samples
 TOOL = 6  # entries of a force and a torque on the tool
 POLL_S, LONGEST_STEP_S = 0.05, 5.0  # of a plug-in
@@ -131,9 +131,6 @@ class ClosedLoop:
             )
         if library.precision != "double" or library.sizes["n_a"] != n_a:
             raise ArgumentError(f"library: given {library!r}, expected one of {model.name} in double precision")
-        late = np.broadcast_to(np.asarray(delay_samples, np.int32), (lanes,)).copy()
-        if np.any(late < 0) or np.any(late > MOST_DELAY):
-            raise ArgumentError(f"delay_samples: given {delay_samples!r}, expected 0 to {MOST_DELAY}")
         self.model, self.hardware, self.lanes = model, hardware, lanes
         self.steps = integration_steps(hardware, rate) if steps is None else count_of("steps", steps, MOST_STEPS)
         self._check_steps(rate)
@@ -144,6 +141,10 @@ class ClosedLoop:
                 f"delay_s: given {hardware.delay_s}, expected a whole number of integration steps of "
                 f"{hardware.sample_s / self.steps:.3g} s; take a multiple of a fraction of the sample time"
             )
+        whole, delay = divmod(delay, self.steps)  # nearly a sample may be all of its steps
+        late = np.broadcast_to(np.asarray(delay_samples, np.int32), (lanes,)) + np.int32(whole)
+        if np.any(late < whole) or np.any(late > MOST_DELAY):
+            raise ArgumentError(f"delay_samples: given {delay_samples!r}, expected 0 to {MOST_DELAY}")
         self.channels = SensorChannels.ideal(0) if sensors is None else sensors
         if len(self.channels.noise) != (library.sizes.get("n_s", 0) if sensors is not None else 0):
             raise ArgumentError(
@@ -430,5 +431,8 @@ def integration_steps(hardware: DriveHardware, rate: float) -> int:
     """Integration steps in a sample: short enough for the fastest eigenvalue, and the delay a whole number of them."""
     least = max(1, math.ceil(rate * hardware.sample_s / STEP_TIMES_RATE))
     part = hardware.delay_s / hardware.sample_s
-    errors = {n: abs(round(part * n) / n - part) for n in range(least, least + 64)}
-    return next((n for n, error in errors.items() if error < DELAY_ERROR / 10), min(errors, key=errors.__getitem__))
+    few = range(least, least + FEW)
+    errors = {n: abs(round(part * n) / n - part) for n in (*few, *range(few.stop, max(MOST_STEPS // 2, few.stop)))}
+    exact = (n for n in few if errors[n] < DELAY_ERROR / 10)
+    near = (n for n, error in errors.items() if error < DELAY_ERROR)
+    return next(exact, next(near, min(few, key=errors.__getitem__)))

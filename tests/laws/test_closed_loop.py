@@ -15,7 +15,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_cascade
 from flexgen.identification.local_model import LocalModel
 from flexgen.library.model_library import library_with
-from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.closed_loop import ClosedLoop, integration_steps
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.hardware import DriveHardware, SensorChannels
 from flexgen.mechanics.equations import derive
@@ -54,6 +54,23 @@ def test_a_linear_robot_follows_the_exact_discrete_loop(delay):
         x = before[0] @ x + before[1] * u
         x = after[0] @ x + after[1] * new
         u, q_old, ref_old = new, q, ref
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_a_delay_just_below_a_sample_is_one_of_a_sample(late):
+    """Its torques acted never: all integration steps of a sample are the next sample."""
+    model, samples, found = flexgen.read("four_mass@high"), 200, []
+    for delay, whole in ((0.9999 * T, late), (0.0, late + 1)):
+        steps = None if delay else 64
+        loop, at_rest, _, _ = loop_of(model, DriveHardware(T, delay_s=delay), steps=steps, delay_samples=whole)
+        found.append(loop.run(moving(at_rest, 1, samples), samples).q_m)
+    assert np.ptp(found[1]) > 1e-3 and np.abs(found[0] - found[1]).max() < 1e-3 * np.ptp(found[1])
+
+
+@pytest.mark.parametrize("part", [1e-5, 0.004, 0.01, 0.3, 0.7654, 0.99, 0.998, 0.9995])
+def test_every_delay_is_nearly_a_whole_number_of_steps(part):
+    steps = integration_steps(DriveHardware(T, delay_s=part * T), 20.0 / T)
+    assert 20 <= steps <= 1000 and abs(round(part * steps) / steps - part) < 1e-3
 
 
 def final_angles(steps: int) -> np.ndarray:

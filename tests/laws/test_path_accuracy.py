@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -178,6 +180,26 @@ def test_a_closed_loop_of_poses_states_angles_in_its_json() -> None:
     solved = run.solution.to_dict()["accuracy"]
     assert solved["orientation_path_accuracy_max_rad"] < 1e-5
     assert flexgen.solve("elbow", verify=False).to_dict()["accuracy"] is None
+
+
+@pytest.mark.parametrize("zone", [0.0, 0.002])
+def test_a_robot_that_stops_short_of_a_corner_is_measured_at_its_nearest(
+    zone: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two legs of 100 mm: the robot is 10 mm short of the end of the first one, so that it is 10 mm off the other."""
+    s = np.clip(np.linspace(-0.02, 0.22, 2401), 0.0, 0.2)  # [m] along the legs
+    s = np.concatenate([s[:1201], np.full(200, s[1200]), s[1201:]])  # with a stop in the corner
+    time, x, y = np.linspace(0.0, 2.6, len(s)), np.minimum(s, 0.1), np.clip(s - 0.1, 0.0, 0.1)
+    if zone:
+        near = np.abs(s - 0.1) < zone
+        part = (s[near] - 0.1 + zone) / (2 * zone)
+        x[near], y[near] = 0.1 - zone * (1 - part) ** 2, zone * part**2
+    line = np.column_stack([x, y])
+    short = np.column_stack([np.minimum(x, 0.09), y])
+    judge = partial(path_accuracy, time, line, np.array([short]), 2.5, robots=("short",))
+    assert 0.0099 < judge().path_accuracy < (0.0201 if zone else 0.0101)  # on planes at up to 60 degrees in a round one
+    monkeypatch.setattr(figures, "TURN", 10.0)
+    assert judge().path_accuracy > 0.03  # the planted error: on the other leg
 
 
 def test_figures_of_a_reference_at_rest_are_not_stated() -> None:
