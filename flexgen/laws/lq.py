@@ -18,12 +18,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.analysis.sampled_plant import hold_effects, sample_model
 from flexgen.deadline import check_time
 from flexgen.display import short_repr
+from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Linear
 from flexgen.loop.model_law import LinearDesign
 from flexgen.loop.plants import check_design
-from flexgen.loop.sampled_model import PoseModel, PoseModels, hold_effects, sample_model
+from flexgen.loop.sampled_model import PoseModel, PoseModels
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.riccati import riccati
 from flexgen.spec.arguments import check_positive
@@ -92,6 +94,11 @@ class LQG(LinearDesign):
         SolverError where no gain exists at a pose.
         """
         check_design(self.model or model, sample_s, delay_s, motion)
+        if late := [x for x in (self.model or model).sensors if self.sensors and x.delay_s > 0.0]:
+            raise ArgumentError(
+                f"controller lqg, sensor {late[0].name}: given delay_s = {late[0].delay_s:g} s, expected ones without "
+                "delay, or sensors=False"
+            )
         design = _Design(self.model or model, sample_s, delay_s, self)
         parts = [design.part([x[k : k + 1] for x in motion]) for k in range(len(motion[0]))]
         A, B, C, D = (np.array(x) for x in zip(*parts, strict=True))
@@ -114,6 +121,13 @@ class _Design:
         """``A, B, C, D`` of the controller at one point of a motion."""
         check_time("gains of the controller")
         at, h, options = self.poses.at(motion), self.sample_s, self.options
+        if options.sensors and at.D.any():
+            names = [name for sensor in self.model.sensors for name in sensor.channels]
+            name = names[int(np.flatnonzero(at.D.any(axis=1))[0]) - self.model.n_m]
+            raise ArgumentError(
+                f"controller lqg: given the signal {name}, which a motor torque changes at once, expected ones behind "
+                "elastic gears, or sensors=False"
+            )
         F, G = sample_model(at.A, at.B, h, self.delay_s)
         n, n_m, size = len(at.A), self.model.n_m, len(F)
         gain = regulator(at, F, G, options.rho, self.u_max)

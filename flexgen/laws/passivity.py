@@ -24,10 +24,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from flexgen.analysis.sampled_plant import sample_model
 from flexgen.errors import ArgumentError
 from flexgen.loop.margins import LoopAtPose, loops_at
 from flexgen.loop.result import ControlRun
-from flexgen.loop.sampled_model import sample_model
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.sensors import sensor_signals
 from flexgen.model.elements import Friction, RobotModel
@@ -217,6 +217,7 @@ def _check_signals(loop: LoopAtPose, equations: Equations, point: Mapping[str, n
     model, pushed = equations.model, equations.pushed
     if not model.sensors:
         return
+    channels = [(sensor, name) for sensor in model.sensors for name in sensor.channels]
     signals, lag, f = sensor_signals(pushed), pushed.lagrangian, pushed.force
     assert f is not None
     motion = [lag.chain.q_a, lag.chain.v_a, lag.a_a]
@@ -227,10 +228,20 @@ def _check_signals(loop: LoopAtPose, equations: Equations, point: Mapping[str, n
     jump = np.abs(by_a + of_f[:, :3]).max(axis=1)
     size = np.abs(by_a).max(axis=1) + np.abs(of_f[:, :3]).max(axis=1)
     used = np.abs(np.vstack([loop.controller.matrices[1][0], loop.controller.matrices[3][0]])).max(axis=0)
-    names = [name for sensor in model.sensors for name in sensor.channels]
-    for k, name in enumerate(names):
-        if used[n_m + k] > 0 and jump[k] > AT_ONCE * size[k]:
+    m = loop.model
+    rates = np.abs(m.C) @ np.abs(m.push)
+    for k, (sensor, name) in enumerate(channels, n_m):
+        if used[k] == 0.0:
+            continue
+        reason = ""
+        if jump[k - n_m] > AT_ONCE * size[k - n_m]:
+            reason = "which a force on the tool changes at once"
+        elif (np.abs(m.C[k] @ m.push) > AT_ONCE * rates[k]).any():
+            reason = "which a force on the tool changes as fast as a speed: sampled, it is never passive"
+        elif sensor.delay_s > 0.0:
+            reason = f"which has a delay of {sensor.delay_s:g} s"
+        if reason:
             raise ArgumentError(
-                f"run: given a controller that uses {name}, which a force on the tool changes at once, expected one of "
-                "motor angles, positions, speeds and torques behind springs"
+                f"run: given a controller that uses {name}, {reason}, expected one of motor angles, positions, and "
+                "torques of springs without damping"
             )

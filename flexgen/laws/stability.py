@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from flexgen.analysis.sampled_plant import sample_model
 from flexgen.analysis.second_order import motor_rows
 from flexgen.errors import ArgumentError
 from flexgen.laws.chain import STABLE
 from flexgen.loop.law_motion import LawMotion
-from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
+from flexgen.loop.sampled_model import PoseModel, PoseModels
 
 POSES = 7  # of the motion: its start, its end, and between them
 Feedback = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.analysis.sampled_plant import sample_model
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.laws.lq import regulator, torque_scale
 from flexgen.loop.controllers import Linear
 from flexgen.loop.law_motion import LawMotion
 from flexgen.loop.model_law import ModelLaw
-from flexgen.loop.sampled_model import PoseModels, sample_model
+from flexgen.loop.sampled_model import PoseModels
 from flexgen.spec.arguments import is_number
 from flexgen.type_checks import checked_class
 

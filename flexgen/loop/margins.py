@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.sampled_plant import sampled_plant
 from flexgen.analysis.second_order import motor_rows
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Linear
-from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
+from flexgen.loop.sampled_model import PoseModel, PoseModels
 from flexgen.model.elements import RobotModel
 from flexgen.results import Result
 from flexgen.spec.arguments import is_number
@@ -108,8 +109,11 @@ class LoopAtPose:
     ('0.9960', '1.06')
     """
 
-    def __init__(self, model: PoseModel, controller: Linear, sample_s: float, delay_s: float) -> None:
+    def __init__(
+        self, model: PoseModel, controller: Linear, sample_s: float, delay_s: float, late: np.ndarray | None = None
+    ) -> None:
         self.model, self.controller, self.sample_s, self.delay_s = model, controller, sample_s, delay_s
+        self.late = late  # samples by which each signal is, None: 0
 
     def __repr__(self) -> str:
         sizes = f"{len(self.model.A)} states of the robot, {self.controller.order} of the controller"
@@ -125,13 +129,14 @@ class LoopAtPose:
             raise ArgumentError(
                 f"gain: given {show_value(gain)}, expected a number from -{LARGEST_FACTOR} to {LARGEST_FACTOR}"
             )
-        m, h = self.model, self.sample_s
-        F, G = sample_model(m.A, m.B, h, self.delay_s + more_delay_s)
+        F, G, Y = self._plant(more_delay_s)
         A, B, C, D = (x[0] for x in self.controller.matrices)
-        Y = np.zeros((len(m.C), len(F)))
-        Y[:, : len(m.A)] = m.C
         loop = np.block([[F - gain * G @ D @ Y, gain * G @ C], [-B @ Y, A]])
         return float(np.abs(np.linalg.eigvals(loop)).max())
+
+    def _plant(self, more_delay_s: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        m = self.model
+        return sampled_plant(m.A, m.B, m.C, m.D, self.sample_s, self.delay_s + more_delay_s, self.late)
 
     def margins(self) -> Margins:
         """Gain and delay margin."""
@@ -146,14 +151,12 @@ class LoopAtPose:
 
     def response(self, low_hz: float) -> LoopResponse:
         """Loop gain from ``low_hz`` to half the sample rate."""
-        m, h = self.model, self.sample_s
+        h = self.sample_s
         if not (is_number(low_hz) and LEAST_HZ <= low_hz < 0.499 / h):
             raise ArgumentError(f"low_hz: given {show_value(low_hz)}, expected {LEAST_HZ:g} to {0.499 / h:.4g} Hz")
         hz = np.geomspace(low_hz, 0.499 / h, FREQUENCIES)
         z = np.exp(2j * np.pi * hz * h)[:, None, None]
-        F, G = sample_model(m.A, m.B, h, self.delay_s)
-        Y = np.zeros((len(m.C), len(F)))
-        Y[:, : len(m.A)] = m.C
+        F, G, Y = self._plant()
         plant = Y @ np.linalg.solve(z * np.eye(len(F)) - F, np.broadcast_to(G.astype(complex), (len(hz), *G.shape)))
         A, B, C, D = (x[0] for x in self.controller.matrices)
         feedback = np.broadcast_to(D.astype(complex), (len(hz), *D.shape))
@@ -188,8 +191,8 @@ def loops_at(
     model: RobotModel, controller: Any, sample_s: float, delay_s: float, motion: Arrays, samples: np.ndarray
 ) -> list[LoopAtPose]:
     """The linear loops at points of a motion (k, ...), its samples (k,); empty for a controller that is not linear."""
-    poses = PoseModels(model)
-    out = []
+    poses, out = PoseModels(model), []
+    late = [0] * model.n_m + [round(x.delay_s / sample_s) for x in model.sensors for _ in x.channels]
     for k in range(len(motion[0])):
         at = poses.at([x[k : k + 1] for x in motion])
         linear = as_linear(controller, sample_s, len(at.C))
@@ -199,6 +202,7 @@ def loops_at(
             A, B, C, D = (x[min(int(samples[k]) // controller.samples, len(x) - 1)] for x in controller.matrices)
             linear = Linear(A, B, C, D)
             if D.shape[1] > len(at.C):
-                at = replace(at, C=np.vstack([at.C, state_rows(model)]))
-        out.append(LoopAtPose(at, linear, sample_s, delay_s))
+                exact = state_rows(model)
+                at = replace(at, C=np.vstack([at.C, exact]), D=np.vstack([at.D, np.zeros((len(exact), model.n_m))]))
+        out.append(LoopAtPose(at, linear, sample_s, delay_s, np.pad(late, (0, len(at.C) - len(late)))))
     return out

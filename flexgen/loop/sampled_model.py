@@ -1,7 +1,8 @@
-"""Linear models of a robot at a pose, sampled with the hold and the delay of a controller.
+"""Linear models of a robot at a pose.
 
-dx' = A dx + B u,    y = C dx,    dx = (dy, dy'),  y = (q_a, motors behind elastic gears)
-x_(k+1) = F x_k + G u_k,    x_k = (dx, torques under way, the oldest first)
+dx' = A dx + B u,    y = C dx + D u,    dx = (dy, dy'),  y = (q_a, motors behind elastic gears)
+
+They are sampled with the hold and the delay of a controller, see `flexgen.analysis.sampled_plant`.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import expm
 
 from flexgen.analysis.second_order import motor_rows
 from flexgen.loop.plants import LocalDynamics
@@ -81,46 +81,6 @@ def elastic_gears(model: RobotModel) -> list[int]:
     """Arm coordinates that are driven through elastic gears."""
     twist = np.linalg.inv(model.eta)[:, list(model.i_m)]
     return [i for i, row in zip(model.i_g, twist, strict=True) if np.any(row)]
-
-
-def hold_effects(A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Effect on the next sample of an input that acts until ``rest_s``, and of one that acts from there on."""
-    n, m = B.shape
-
-    def constant(h: float) -> tuple[np.ndarray, np.ndarray]:
-        whole = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * h)
-        return whole[:n, :n], whole[:n, n:]
-
-    phi, after = constant(sample_s - rest_s)
-    return phi @ constant(rest_s)[1], after
-
-
-def sample_model(A: np.ndarray, B: np.ndarray, sample_s: float, delay_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """``F`` and ``G`` of the model with torques under way; see the text of this module."""
-    n, n_m = B.shape
-    whole = int(delay_s / sample_s + 1e-9)
-    rest = delay_s - whole * sample_s
-    rest = rest if rest > 1e-9 * sample_s else 0.0
-    before, after = hold_effects(A, B, sample_s, rest)
-    late = whole + (1 if rest > 0 else 0)
-    size = n + late * n_m
-    F, G = np.zeros((size, size)), np.zeros((size, n_m))
-    F[:n, :n] = expm(A * sample_s)
-    if late == 0:
-        G[:n] = after
-        return F, G
-    for k in range(late - 1):
-        F[n + k * n_m : n + (k + 1) * n_m, n + (k + 1) * n_m : n + (k + 2) * n_m] = np.eye(n_m)
-    G[n + (late - 1) * n_m :] = np.eye(n_m)
-    if rest == 0:
-        F[:n, n : n + n_m] = after
-        return F, G
-    F[:n, n : n + n_m] = before  # the oldest acts until `rest`, the next one after it
-    if late == 1:
-        G[:n] = after
-    else:
-        F[:n, n + n_m : n + 2 * n_m] = after
-    return F, G
 
 
 def output_jacobian(equations: Equations) -> ca.Function:

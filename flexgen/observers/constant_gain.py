@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.analysis.sampled_plant import hold_effects
 from flexgen.analysis.second_order import motor_rows
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
@@ -26,7 +27,7 @@ from flexgen.library.c_module import c_module
 from flexgen.library.model_library import library_with
 from flexgen.loop.case import control_case
 from flexgen.loop.channels import MOTORS, Noise, channels_of
-from flexgen.loop.sampled_model import PoseModel, PoseModels, hold_effects
+from flexgen.loop.sampled_model import PoseModel, PoseModels
 from flexgen.numerics.riccati import riccati
 from flexgen.observers.design import (
     Noises,

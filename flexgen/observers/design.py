@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.sampled_plant import hold_effects
 from flexgen.errors import ArgumentError
 from flexgen.loop.channels import Channels
 from flexgen.loop.noises import Noises
-from flexgen.loop.sampled_model import PoseModel, hold_effects
+from flexgen.loop.sampled_model import PoseModel
 from flexgen.model.elements import RobotModel
 
 NOT_SEEN = 1e-9  # smallest singular value of the test, relative: below it a state does not show

@@ -16,12 +16,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.analysis.sampled_plant import hold_effects
 from flexgen.deadline import check_time
 from flexgen.library.model_library import library_with
 from flexgen.loop.channels import Channels
 from flexgen.loop.noises import Noises
 from flexgen.loop.reference import MotionReference
-from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears, hold_effects
+from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears
 from flexgen.numerics.riccati import riccati
 
 PARTS = 40  # of the motion, each with gains of its own

@@ -66,6 +66,7 @@ smoothness = 5
 RIGID = '{ type = "rigid" }'
 LAW = f'{{ type = "linear", stiffness = {SPRING} }}'
 ELASTIC = f'{{ type = "elastic", side = "arm", spring = {LAW}, damping = {DAMPER} }}'
+UNDAMPED = f'{{ type = "elastic", side = "arm", spring = {LAW}, damping = 0.0 }}'
 
 
 def slide(folder: Path, gear: str) -> Any:
@@ -104,18 +105,18 @@ def test_the_margin_of_a_mass_is_the_bound_of_colgate_and_schenkel(
 @pytest.mark.slow
 def test_a_delay_that_the_check_forgets_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = LoopAtPose.__init__
-    monkeypatch.setattr(LoopAtPose, "__init__", lambda self, m, c, h, delay: real(self, m, c, h, 0.0))
+    monkeypatch.setattr(LoopAtPose, "__init__", lambda self, m, c, h, delay, late=None: real(self, m, c, h, 0.0))
     found = checked(tmp_path, RIGID, 4.5e4, 20.0, 2 * T)
     assert abs(found.margin - bound(4.5e4, 20.0, 2 * T)) > 10
 
 
-def lifted(w: float, K: float, B: float, k_t: float, delay: float, n: int) -> float:
+def lifted(w: float, K: float, B: float, k_t: float, delay: float, n: int, damper: float = DAMPER) -> float:
     """``mu`` of the elastic slide by hand: impedances of carriage, gear and rotor at the frequencies w + k w_s."""
     s = 1j * (w + 2 * np.pi / T * np.arange(-n, n))
     hold = (1 - np.exp(-s * T)) / s * np.exp(-s * delay)
     law = K + B / T * (1 - np.exp(-1j * w * T))
     sampled = np.outer(hold, np.ones(2 * n)) / T
-    gear = np.diag(SPRING / s + DAMPER)
+    gear = np.diag(SPRING / s + damper)
     # Rotor: (m s + b) v = -gear (v - v_2) - (1 + k_t) hold law S (v/s) - k_t hold S gear (v - v_2)
     pulled = (np.eye(2 * n) + k_t * sampled) @ gear
     rotor = np.diag(ROTOR * s + FRICTION) + (1 + k_t) * law * sampled @ np.diag(1 / s) + pulled
@@ -124,19 +125,45 @@ def lifted(w: float, K: float, B: float, k_t: float, delay: float, n: int) -> fl
     return float(np.linalg.eigvalsh((Z + Z.conj().T) / 2)[0])
 
 
-@pytest.mark.parametrize("k_t", [0.0, 0.3])
+@pytest.mark.parametrize("k_t", [0.0, 0.1])
 @pytest.mark.parametrize("delay", [0.0, 0.4 * T])
 def test_the_margin_of_an_elastic_joint_is_that_of_its_impedances(k_t: float, delay: float, tmp_path: Path) -> None:
-    K, B = 2e4, 30.0
-    found = checked(tmp_path, ELASTIC, K, B, delay, torque_gain=k_t)
+    K, B, damper = 2e4, 30.0, 0.0 if k_t else DAMPER
+    found = checked(tmp_path, UNDAMPED if k_t else ELASTIC, K, B, delay, torque_gain=k_t)
     at = slice(None, None, 13)
     w, n = 2 * np.pi * found.hz[at], passivity.ALIASES
-    known = [2 * lifted(x, K, B, k_t, delay, n) - lifted(x, K, B, k_t, delay, n // 2) for x in w]
+    known = [2 * lifted(x, K, B, k_t, delay, n, damper) - lifted(x, K, B, k_t, delay, n // 2, damper) for x in w]
     size = np.abs(known).max()
     assert found.margins[0, at] == pytest.approx(np.array(known), abs=2e-3 * size)
     if k_t:
-        turned = [lifted(x, K, B, -k_t, delay, n) for x in w]
+        turned = [lifted(x, K, B, -k_t, delay, n, damper) for x in w]
         assert np.abs(found.margins[0, at] - turned).max() > 0.02 * size
+
+
+def test_torque_feedback_behind_a_damped_gear_is_refused_since_it_is_never_passive(tmp_path: Path) -> None:
+    """The torque has a part of the speed of the tool: with each alias the least damping falls, without end."""
+    least = [lifted(2 * np.pi * 300.0, 2e4, 30.0, 0.3, 0.0, n) for n in (20, 80, 320)]
+    assert least[2] < least[1] - 50 < least[0] - 100 and least[2] < 0.0
+    with pytest.raises(ArgumentError, match="uses push, which a force on the tool changes as fast as a speed"):
+        checked(tmp_path, ELASTIC, 2e4, 30.0, torque_gain=0.3)
+    with pytest.raises(ArgumentError, match="uses push, which a force on the tool changes at once"):
+        law = flexgen.Linear(*(np.array([x]) for x in ([[0.0]], [[0.0, 0.0]], [[0.0]], [[1.0, 1e-4]])))
+        flexgen.check_passivity(flexgen.control(slide(tmp_path, RIGID), controller=law, sample_time=T))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sensor.push.delay_s": T}, r"sensor push: given delay_s = 0\.001 s, expected ones without delay"),
+        ({"element.carriage.dof.q1.gear": {"type": "rigid"}}, "signal push, which a motor torque changes at once"),
+    ],
+)
+def test_lqg_refuses_sensors_that_its_filter_does_not_know(change: Any, message: str, tmp_path: Path) -> None:
+    slide(tmp_path, ELASTIC)
+    model = flexgen.read(tmp_path / "slide.toml", overrides=change)
+    with pytest.raises(ArgumentError, match=message):
+        flexgen.control(model, controller=flexgen.LQG(), sample_time=T)
+    assert flexgen.control(model, controller=flexgen.LQG(sensors=False), sample_time=T).margins()["end"].stable
 
 
 @pytest.mark.slow

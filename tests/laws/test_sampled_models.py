@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from flexgen.analysis.sampled_plant import hold_effects, sample_model, sampled_plant
 from flexgen.errors import SolverError
 from flexgen.laws.lq import LQG
-from flexgen.loop.controllers import Cascade
+from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.interface import Measurement, Reference
-from flexgen.loop.margins import as_linear
-from flexgen.loop.sampled_model import hold_effects, sample_model
+from flexgen.loop.margins import LoopAtPose, as_linear
+from flexgen.loop.sampled_model import PoseModel
 from flexgen.numerics.riccati import riccati
 from flexgen.position_servo.filters import LowPass, Notch
 
@@ -92,3 +93,36 @@ def test_a_cascade_is_its_linear_form():
 def test_wrong_weights_are_refused(arguments):
     with pytest.raises(ValueError, match=f"{next(iter(arguments))}: given"):
         LQG(**arguments)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4, 1.0, 1.7, 2.0])
+def test_outputs_with_feedthrough_and_late_sensors_are_those_of_the_exact_motion(delay: float) -> None:
+    """Torques held from sample to sample, exact pieces in between; the torque that acts when a sample is taken."""
+    rng, h, n, steps = np.random.default_rng(3), 0.1, 3, 40
+    A, B, C, D = (rng.normal(size=size) for size in ((n, n), (n, 2), (3, n), (3, 2)))
+    late = np.array([0, 2, 1])
+    F, G, Y = sampled_plant(A - 2 * np.eye(n), B, C, D, h, delay * h, late)
+    u, x = rng.normal(size=(steps, 2)), np.zeros(len(F))
+    found = []
+    for torque in u:
+        found.append(Y @ x)
+        x = F @ x + G @ torque
+    fine, state, shown = 10, np.zeros(n), []
+    E = expm(np.block([[A - 2 * np.eye(n), B], [np.zeros((2, n + 2))]]) * h / fine)
+    for k in range(steps * fine):
+        if k % fine == 0:
+            before = int(np.ceil(k - fine * delay - 1e-9)) - 1  # a piece that has ended acts no more
+            shown.append(C @ state + D @ (u[before // fine] if before >= 0 else np.zeros(2)))
+        now = int(np.floor(k - fine * delay + 1e-9))
+        state = E[:n, :n] @ state + E[:n, n:] @ (u[now // fine] if now >= 0 else np.zeros(2))
+    for k in range(3, steps):
+        expected = [shown[k - late[i]][i] for i in range(3)]
+        assert found[k] == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_late_sensor_takes_the_margin_of_its_loop() -> None:
+    """u = -k y, y' = u shown two samples late: z^3 - z^2 + k h = 0 is stable below k h = 0.618."""
+    plant = PoseModel(*(np.array([[x]]) for x in (0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0)))
+    law = Linear(*(np.array([[[x]]]) for x in (0.0, 0.0, 0.0, 1.0)))
+    margins = [LoopAtPose(plant, law, 0.1, 0.0, np.array([late])).margins() for late in (0, 2)]
+    assert [x.gain for x in margins] == pytest.approx([20.0, 6.18034], rel=1e-4)

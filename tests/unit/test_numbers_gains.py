@@ -12,13 +12,13 @@ from numpy.testing import assert_allclose
 from scipy.linalg import solve_discrete_lyapunov
 
 import flexgen
+from flexgen.analysis.sampled_plant import sample_model
 from flexgen.equations_text.printing import Name, escape_latex
 from flexgen.errors import ArgumentError
 from flexgen.exports.plcopen import text
 from flexgen.laws import linearising, lq, motor_laws, state_lq
 from flexgen.laws.lq import LQG, _Design, regulator
 from flexgen.laws.state_lq import LQ
-from flexgen.loop.sampled_model import sample_model
 
 
 def two_masses() -> Any:
@@ -28,7 +28,8 @@ def two_masses() -> Any:
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ K, -0.3 * inverse @ np.array([[1.0, -1.0], [-1.0, 1.0]])]])
     drive, push = np.array([[0.0], [0.0], [0.0], [0.5]]), np.zeros((4, 3))
     push[2, 0] = 1.0
-    return Made(A=A, B=drive, push=push, C=np.array([[0.0, 1.0, 0.0, 0.0]]), W=np.array([[1.0, 0.0]]))
+    C, D = np.array([[0.0, 1.0, 0.0, 0.0]]), np.zeros((1, 1))
+    return Made(A=A, B=drive, push=push, C=C, D=D, W=np.array([[1.0, 0.0]]))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.01, 0.015])

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm, solve_discrete_are
 
 import flexgen
+from flexgen.analysis.sampled_plant import sample_model
 from flexgen.environment.disturbances import Disturbance
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.laws import bound, chain, linearising, loop_shaping, motor_laws, stability, study
@@ -21,7 +22,7 @@ from flexgen.laws.state_lq import LQ
 from flexgen.loop.channels import channels_of
 from flexgen.loop.interface import Measurement, Reference
 from flexgen.loop.law_motion import LawMotion
-from flexgen.loop.sampled_model import PoseModel, PoseModels, sample_model
+from flexgen.loop.sampled_model import PoseModel, PoseModels
 from flexgen.loop.timing import Timing
 from flexgen.mechanics.equations import derive
 

@@ -16,6 +16,7 @@ from scipy.linalg import block_diag, expm
 from scipy.signal import bilinear, cont2discrete, freqz
 
 import flexgen
+from flexgen.analysis.sampled_plant import hold_effects, sample_model
 from flexgen.environment.disturbances import Disturbance, disturbance_table, rows_of
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop import case, closed_loop, control, hysteresis, margins, result, robots_in_c, robustness
@@ -31,7 +32,7 @@ from flexgen.loop.noises import Noises
 from flexgen.loop.plants import LocalDynamics, check_motion, plants_of
 from flexgen.loop.reference import MotionReference, time_grid
 from flexgen.loop.result import ControlRun, PlantRun
-from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears, hold_effects, sample_model
+from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears
 from flexgen.loop.timing import Timing
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_motors

@@ -117,7 +117,7 @@ def test_controllers_with_signals_that_a_force_changes_at_once_have_no_passivity
         none = np.zeros((2, 2))
         B, D = (gains, 0 * gains) if memory else (0 * gains, gains)
         loop: Any = Made(
-            model=Made(A=np.zeros((8, 8)), push=scale * push),
+            model=Made(A=np.zeros((8, 8)), push=scale * push, C=np.zeros((5, 8))),
             controller=Made(matrices=tuple(x[None] for x in (none, B, none, D))),
         )
         passivity._check_signals(loop, equations, point)
