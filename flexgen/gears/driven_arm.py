@@ -52,6 +52,26 @@ class Element:
 
 
 @dataclass(frozen=True)
+class Sought:
+    """What is fitted besides the parameters of the equations.
+
+    ``elements``: of hysteresis; ``exponents``: whether theirs are fitted; ``errors``: gears with a transmission error,
+    of these ``harmonics``; ``cogging``: harmonics of all motors.
+    """
+
+    elements: tuple[Element, ...]
+    exponents: bool = False
+    errors: tuple[int, ...] = ()
+    harmonics: tuple[int, ...] = ()
+    cogging: tuple[int, ...] = ()
+
+    @property
+    def gears(self) -> tuple[int, ...]:
+        """Those with hysteresis."""
+        return tuple(dict.fromkeys(element.gear for element in self.elements))
+
+
+@dataclass(frozen=True)
 class MotorMotion:
     """Motor angles as a curve: ``time`` (n,) [s] at equal steps, and a quintic spline through the angles.
 

@@ -32,7 +32,7 @@ from scipy.stats import chi2
 
 from flexgen.analysis.rests_of_motors import MOVING
 from flexgen.errors import ArgumentError
-from flexgen.gears.driven_arm import DrivenArm, Element, MotorMotion
+from flexgen.gears.driven_arm import DrivenArm, MotorMotion, Sought
 from flexgen.gears.motor_friction import MotorFriction
 from flexgen.gears.signals import Signals
 from flexgen.gears.whitening import TAPER, Whitening
@@ -77,26 +77,6 @@ class Estimate:
     covariance: np.ndarray
     error: np.ndarray
     converged: bool
-
-
-@dataclass(frozen=True)
-class Sought:
-    """What is fitted besides the parameters of the equations.
-
-    ``elements``: of hysteresis; ``exponents``: whether theirs are fitted; ``errors``: gears with a transmission error,
-    of these ``harmonics``; ``cogging``: harmonics of all motors.
-    """
-
-    elements: tuple[Element, ...]
-    exponents: bool = False
-    errors: tuple[int, ...] = ()
-    harmonics: tuple[int, ...] = ()
-    cogging: tuple[int, ...] = ()
-
-    @property
-    def gears(self) -> tuple[int, ...]:
-        """Those with hysteresis."""
-        return tuple(dict.fromkeys(element.gear for element in self.elements))
 
 
 class GearModel:
@@ -144,6 +124,7 @@ class GearModel:
         self.friction = MotorFriction(signals, self.motion)
         self.first = self._forgets()
         self.measured, self.late = self.measured[self.first :], self.late[self.first :]
+        self.units[self.bent :] = self._sizes()
         self.step_errors = np.zeros_like(self.measured)
 
     def numbers(self, theta: np.ndarray) -> np.ndarray:
@@ -174,8 +155,9 @@ class GearModel:
         Motors with Coulomb friction, which the model has, or which this estimate of all torques found.
         """
         at = self.bent + self.n_m + np.arange(self.n_m)
-        least = np.maximum(STICKS * np.sqrt(np.diag(found.covariance)[at]), SOME * np.std(self.measured, axis=0))
-        found_some = np.abs(found.theta[at]) > least
+        least = STICKS * self.units[at] * np.sqrt(np.diag(found.covariance)[at])
+        least = np.maximum(least, SOME * np.std(self.measured, axis=0))
+        found_some = np.abs(self.units[at] * found.theta[at]) > least
         largest = np.abs(self.motion.samples[:, self.n_m : 2 * self.n_m]).max(axis=0)
         model, speeds = self.equations.model, np.array([MOVING * largest, largest])
         slow, fast = np.abs(friction_along(derive(model).function, model, speeds, np.zeros_like(speeds)))
@@ -208,7 +190,12 @@ class GearModel:
                 out[:, j, k * n + j] = part[:, j]
         out = self.friction.project(out[self.first :])
         out[:, :, -1] = -self.late
-        return out
+        return out * self.units[self.bent :]
+
+    def _sizes(self) -> np.ndarray:
+        """Linear numbers whose torques are as large as those of the record, at the motor that each moves most."""
+        size = np.sqrt((self.regressors(self.motion) ** 2).mean(axis=0))
+        return np.asarray(np.std(self.measured, axis=0)[size.argmax(axis=0)] / np.maximum(size.max(axis=0), 1e-300))
 
     def derivatives(self, theta: np.ndarray, motion: MotorMotion) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (k, n_m) and their derivatives (k, n_m, n) at theta."""

@@ -11,8 +11,8 @@ import numpy as np
 
 from flexgen.counts import show_value
 from flexgen.errors import ArgumentError
-from flexgen.gears.driven_arm import ARCMIN, Element
-from flexgen.gears.fit import FRICTIONS, NO_LOST, Estimate, GearModel, Sought, estimate
+from flexgen.gears.driven_arm import ARCMIN, Element, Sought
+from flexgen.gears.fit import FRICTIONS, NO_LOST, Estimate, GearModel, estimate
 from flexgen.gears.further_elements import gears_that_lack_elements
 from flexgen.gears.result import WEAK, GearFit, GearStatus, Number
 from flexgen.gears.signals import Signals, signals_of
@@ -236,7 +236,7 @@ def _result(robot: RobotModel, fitted: Sequence[Parameter], fit: GearModel, foun
         unexplained=error,
         noise=noise,
         band_hz=fit.signals.band_hz,
-        delay_s=float(found.theta[-1]),
+        delay_s=float(fit.units[-1] * found.theta[-1]),
         joints=tuple(robot.coordinates[robot.i_g[k]].name for k in fit.sought.gears),
         lacking=tuple(robot.coordinates[robot.i_g[k]].name for k in lacking),
         laws=numbers.laws(),

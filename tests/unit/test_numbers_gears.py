@@ -21,7 +21,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.gears import fit, further_elements, identify
-from flexgen.gears.driven_arm import Element, MotorMotion
+from flexgen.gears.driven_arm import Element, MotorMotion, Sought
 from flexgen.gears.signals import Signals, signals_of
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import select
@@ -60,7 +60,7 @@ def signals() -> Signals:
 def made() -> fit.GearModel:
     """Two elements at the first gear, one with another law at the second, whose transmission error is sought, too."""
     elements = (Element(0, 4e6, 3e-5), Element(0, 2e6, 6e-5, 2.0), Element(1, 3e6, 4e-5, 1.5, 0.2))
-    sought = fit.Sought(elements, True, (1,), (1, 3), (2,))
+    sought = Sought(elements, True, (1,), (1, 3), (2,))
     return fit.GearModel(derive(robot(), FREE), sought, signals())
 
 
@@ -69,7 +69,7 @@ def moved() -> np.ndarray:
     model = made()
     theta = model.start * (1.0 + 0.1 * np.cos(np.arange(len(model.start))))
     theta[model.errors : model.bent] = 2e-5 * np.arange(1.0, 1.0 + model.bent - model.errors)
-    theta[model.bent :] = 1e-4 * np.arange(1.0, 1.0 + len(theta) - model.bent)
+    theta[model.bent :] = 1e-4 * np.arange(1.0, 1.0 + len(theta) - model.bent) / model.units[model.bent :]
     return theta
 
 
@@ -235,7 +235,7 @@ def test_lost_motions_of_translations_are_found_against_their_deflections() -> N
 
 def test_errors_of_the_steps_are_taken_out_of_the_comparison() -> None:
     """Residuals are those of a simulation with ten times as many steps, and stay so; none accumulate."""
-    model = fit.GearModel(derive(robot(), FREE), fit.Sought(()), signals())
+    model = fit.GearModel(derive(robot(), FREE), Sought(()), signals())
     fine, recorded, theta = copy(model), model.measured, model.start
     fine.segments = model.arm.segments(model.signals.sample_s, 10 * model.segments.steps)
     motion = MotorMotion.through(model.signals.time, model.signals.q_m, fine.segments.steps)
@@ -263,3 +263,13 @@ def test_a_further_element_is_one_of_a_model_that_has_it() -> None:
     expected = np.subtract(*with_it.torques([weak, none], model.motion)) / size
     found = further._derivatives(model.motion)[:, :, 3]
     assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_linear_numbers_have_the_size_of_the_torques_in_every_unit() -> None:
+    """A search in N m s/rad, N m and s at once depended on the unit of torque: a robot 1,000 times as heavy."""
+    model = made()
+    columns = model.regressors(model.motion)
+    size = np.sqrt((columns**2).mean(axis=0))
+    most = size.argmax(axis=0)
+    assert_allclose(size.max(axis=0), np.std(model.measured, axis=0)[most], rtol=1e-12)
+    assert len(set(most)) == 2
