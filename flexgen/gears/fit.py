@@ -54,8 +54,8 @@ STIFFER = 10.0  # K_h over its start up to which the integration is accurate
 FORGOTTEN = 1e-5  # of its first effect, or of the torques, to which that of the start has decayed
 BLOCK_S, FEWEST_BLOCKS = 1.0, 10  # of a record, within which residuals depend on each other; at least so many
 CLOSE = (0.3, 0.05, 0.05)  # standard deviations from the minimum where the searches end
-SETTLED = 2.0  # standard deviations, at most, of the last of these steps
-DRAWS = (1, 1, 3, 3)  # pairs of samples of noise in each step with corrected normal equations
+DRAWS, MORE = (1, 1, 3, 3), 4  # pairs of samples of noise in each step with corrected normal equations; steps more
+SMALL, SETTLED = 0.3, 2.0  # standard deviations, at most, of a step after which there are no more, and of the last one
 LEAST_SIGNAL = 0.1  # part of the information in a direction that is not noise, else it is not determined
 RANK = 1e-13  # of the normal equations, relative
 FREE = 1e6  # standard deviation of priors that say nothing
@@ -322,16 +322,18 @@ def estimate(model: GearModel, tell: Callable[[str], None]) -> Estimate:
         dropped = _drop(model, theta, lower, upper)
         if fit.wrong or (not dropped and close != CLOSE[0]):
             break
-    for n, draws in enumerate(DRAWS, 1):
-        tell(f"subtracting the part of the noise: {n} of {len(DRAWS)}")
+    for n, draws in enumerate((*DRAWS, *DRAWS[-1:] * MORE), 1):
+        tell(f"subtracting the part of the noise: step {n}")
         model.take_out_step_errors(theta)
         error, change, covariance = _correct(model, theta, white, lower < upper, draws)
         here = theta[: model.parts]
         theta = theta - change
         theta[: model.parts] = here * np.exp(np.clip(-change[: model.parts] / here, -1.0, 1.0))  # never negative
         theta = np.clip(theta, lower, upper)
-    settled = bool((np.abs(change) <= SETTLED * np.sqrt(np.diag(covariance))).all())
-    return Estimate(theta, covariance, error, fit.converged and settled)
+        size = float((np.abs(change) / np.maximum(np.sqrt(np.diag(covariance)), 1e-300)).max())
+        if n >= len(DRAWS) and size <= SMALL:
+            break
+    return Estimate(theta, covariance, error, fit.converged and size <= SETTLED)
 
 
 def _bounds(model: GearModel) -> tuple[np.ndarray, np.ndarray]:

@@ -30,11 +30,12 @@ APART = 3.0  # deflections of slip of the first and the last further element ove
 SMALL = 1e-3  # stiffness of a further element over that of the gear
 NONE = 1e-9  # the same where it is left out
 SEEN = (4.0, 8.0)  # sizes over their deviations that noise does not make, nor the start of a sliding friction
-MOVES = 1.0  # changes of lost motions over their deviations, from which they count
+PAIRS = 4  # of samples of noise
+MOVES = 1.5  # changes of lost motions over their deviations, from which they count
 
 
 def gears_that_lack_elements(model: GearModel, found: Estimate) -> tuple[int, ...]:
-    """Gears of which the record shows one element more, with a lost motion that differs by its standard deviation."""
+    """Gears of which the record shows one element more, with a lost motion that differs by `MOVES` deviations."""
     further = _FurtherElements(model, found.theta)
     if not further.gears:
         return ()
@@ -105,13 +106,17 @@ class _FurtherElements:
 
     def equations(self, white: Whitening) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A, J'J and G of the numbers of the fit and the sizes of these elements, see `flexgen.gears.fit`."""
-        model, parts = self.model, []
-        for motion in (model.motion, model.more_noise(0, 1.0), model.more_noise(0, -1.0)):
+        model = self.model
+
+        def sums(motion: MotorMotion) -> tuple[np.ndarray, np.ndarray]:
             error, J = model.derivatives(self.theta, motion)
             J = white(np.concatenate([J, self._derivatives(motion)], axis=2)).reshape(error.size, -1)
-            parts.append((J.T @ J, J.T @ white(error).ravel()))
-        (raw, own), (more, one), (less, other) = parts
-        return 2 * raw - (more + less) / 2, raw, 2 * own - (one + other) / 2
+            return J.T @ J, J.T @ white(error).ravel()
+
+        raw, own = sums(model.motion)
+        noisy = [sums(model.more_noise(seed, sign)) for seed in range(PAIRS) for sign in (1.0, -1.0)]
+        more, other = (np.mean([found[k] for found in noisy], axis=0) for k in range(2))
+        return 2 * raw - more, raw, 2 * own - other
 
     def _derivatives(self, motion: MotorMotion) -> np.ndarray:
         """Of the torques (k, n_m) in the size of each element."""

@@ -177,6 +177,8 @@ def _margins(loop: LoopAtPose, equations: Equations, point: Mapping[str, np.ndar
     J = evaluate(equations.function("jacobian"), point["q_a"][None])[0].reshape(6, n_a)[:3]
     U, sizes, _ = np.linalg.svd(J, full_matrices=False)
     U = U[:, sizes > STILL * sizes[0]]
+    if not U.size:
+        raise ArgumentError("run: given a robot whose tool no joint moves, expected a [tool] on a link that moves")
     _check_signals(loop, equations, point)
     out, k = np.zeros((U.shape[1], 2 * n)), U.shape[1]
     out[:, n : n + n_a] = U.T @ J

@@ -35,7 +35,8 @@ class ServoFit(Result):
         From the time of a command in the record to its effect; for ``"hold"`` to the sample of the servo that it
         changes first.
     gain_sd : array (3, n_m)
-        Relative standard deviations of position, speed and integral gains; zero of a gain that stayed zero.
+        Relative standard deviations of position, speed and integral gains, those of a right model: texts have them
+        where it `is_explained` only; zero of a gain that stayed zero.
     common_sd : mapping of str to float
         Standard deviations of the numbers that all motors share.
     unexplained : array (n_m,) [rad]
@@ -122,14 +123,19 @@ class ServoFit(Result):
     def figures(self) -> tuple[Figure, ...]:
         """The figures in SI units, for tables."""
         rows, servo = [], self.servo
+
+        def with_sd(value: str, sd: str) -> str:
+            return f"{value} +- {sd}" if self.is_explained else value
+
         for word, unit, sd in zip(GAINS, ("1/s", "N m s/rad", "1/s"), self.gain_sd, strict=True):
             for name, value, own in zip(self.motors, np.asarray(getattr(servo.feedback, word)), sd, strict=True):
                 label = f"{word.replace('_', ' ')} of {name}"
-                rows.append(Figure(label, f"{value:.5g} +- {100 * own:.2g} %", unit, f"{word}_{name}"))
+                rows.append(Figure(label, with_sd(f"{value:.5g}", f"{100 * own:.2g} %"), unit, f"{word}_{name}"))
         common = (servo.speed_feedforward, servo.reference_filter_s, self.latency_s)
         for (name, sd), value in zip(self.common_sd.items(), common, strict=True):
             unit = "s" if name.endswith("_s") else ""
-            rows.append(Figure(name.removesuffix("_s").replace("_", " "), f"{value:.4g} +- {sd:.2g}", unit, name))
+            text = with_sd(f"{value:.4g}", f"{sd:.2g}")
+            rows.append(Figure(name.removesuffix("_s").replace("_", " "), text, unit, name))
         worst = float(self.unexplained.max())
         return (*rows, Figure("unexplained, root mean square, motor side", worst, "rad", "unexplained"))
 

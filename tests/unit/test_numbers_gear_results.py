@@ -69,7 +69,7 @@ def test_a_linear_fit_is_that_of_least_squares(monkeypatch: pytest.MonkeyPatch) 
     assert found.converged and (np.abs(found.theta - expected) < 1.2 * sd).all()
     assert_allclose(np.sqrt(np.diag(found.covariance)), sd, rtol=0.25)
     assert_allclose(found.error, made.J @ found.theta - made.measured, atol=1e-3)
-    assert lines[-2:] == ["subtracting the part of the noise: 1 of 2", "subtracting the part of the noise: 2 of 2"]
+    assert lines[-2:] == ["subtracting the part of the noise: step 1", "subtracting the part of the noise: step 2"]
     assert lines[0].startswith("step 1: ") and lines[0].endswith(" % of the torques unexplained")
 
 
@@ -181,6 +181,7 @@ def test_the_status_of_gears_follows_from_residuals(
     made: Any = Made(
         noise=lambda theta, e: np.array([2.0, 2.0]),
         measured=wave * [4000.0, 8000.0],
+        units=np.array([1.0, 2.0]),
         excess=lambda theta, e, covariance: np.array(excess) * np.ones((2, 2)),
         loops=lambda theta, e: "loops",
         signals=Made(band_hz=30.0),
@@ -192,7 +193,7 @@ def test_the_status_of_gears_follows_from_residuals(
     monkeypatch.setattr(identify, "gears_that_lack_elements", lambda fit, found: tuple(asked))
     found = fit.Estimate(np.array([1.0, 5e-4]), np.eye(2), wave * error, converged)
     result: Any = identify._result(robot, (), made, found)
-    assert result.status is GearStatus[status] and result.joints == ("q2",) and result.delay_s == 5e-4
+    assert result.status is GearStatus[status] and result.joints == ("q2",) and result.delay_s == 1e-3
     assert_allclose(result.unexplained, error)
     asked.append(1)
     lacking: Any = identify._result(robot, (), made, found)
