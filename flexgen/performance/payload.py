@@ -8,12 +8,17 @@ The motion is low-passed at a higher frequency first: squares of smoothed speeds
 d: time by which torques are recorded late; minus half a sample where a torque is held from its sample on. s: the
 friction of each motor changes with temperature, f = (1 + s_1) f(v) + s_2 v f'(v), s = 0 +- `FRICTION_SD`. Where a motor
 with Coulomb friction stands still, its friction is any torque, and is taken out (`flexgen.analysis.rests_of_motors`).
-Gears and links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the
-forces of the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, m c, d, s); a load is
-within `CENTER_SD` of the center of mass in the file, for what the motion does not show, such as the height in the tool
-of a palletizer. Standard deviations are the larger ones of two: of residuals whose correlation in time is that of the
-low pass, at least `LEAST_ERROR` of the torques, and of what leaving out four periods of the low pass changes, half a
-second at most, since errors of the model last longer.
+Gears and links deflect, each spring by 1 + e_i times as much as in the model:
+
+    q_g = eta^-1 q_m - (1 + e_i) tau_g/k,    q_e = -(1 + e_i) f_e(q, v, a; m, c)/k
+
+where f_e are the forces on the coordinates without motor. A rigid model would put these deflections into the load, and
+so would one with other springs: e_i = 0 +- the deviation of the stiffness (`flexgen.performance.compliances`).
+Gauss-Newton in (m, m c, d, s, e); a load is within `CENTER_SD` of the center of mass in the file, for what the motion
+does not show, such as the height in the tool of a palletizer. Standard deviations are the larger ones of two: of
+residuals whose correlation in time is that of the low pass, at least `LEAST_ERROR` of the torques, and of what leaving
+out four periods of the low pass changes, half a second at most, since errors of the model last longer. Leaving out
+samples does not change what is known of springs beforehand: H^-1 P H^-1 is added, with H of all numbers and P of e.
 
 Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
 """
@@ -38,6 +43,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.friction import refuse_harmonics
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.low_pass import bandwidth
+from flexgen.performance.compliances import stiffness_deviations
 from flexgen.results import Result
 from flexgen.spec.arguments import is_number
 from flexgen.trajectory import Trajectory
@@ -66,6 +72,8 @@ UNKNOWN = 0.3  # m, or of the reach: a center of mass with a larger deviation is
 LEAST_ERROR = 1e-4  # of the torques: deflections and filters are not more exact
 BLOCK_S, FEWEST_BLOCKS = 0.5, 6  # of a record, each left out once; fewer tell too little about five numbers
 STICKS = 0.05  # of the friction at the largest speed, at that one: a motor with less has no friction at standstill
+FRESH = 1e-2  # of the load: after smaller steps, relative, what springs change of the torques is not computed anew
+SOFTER = 1e-2  # of a compliance, a step of differences
 LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 
 
@@ -74,6 +82,7 @@ LOAD = 5  # numbers before the frictions: mass, center of mass, delay
 class Load(Result):
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
+    These are those of a model with right masses and dimensions; frictions of motors and springs may be off.
     The load is taken for a point mass; directions that the motion does not show have a deviation of about 1 m, or
     the reach of a shorter arm: those with more than ``unknown_m`` [m] are printed as not determined.
     ``total_mass``, ``total_com``: of the load and the payload of the model file together. ``residual_Nm``: root mean
@@ -124,6 +133,9 @@ def identify_load(
     rigid: bool = False,
 ) -> Load:
     """Identify the load at the tool, mass and center of mass, from a record of motor angles and torques.
+
+    Frictions of the motors, and how soft the springs are, are found with it. The springs are known as the table
+    ``[uncertainty]`` states (``stiffness``, or a number by name), or up to 20 % (standard deviation) where it has none.
 
     Parameters
     ----------
@@ -216,9 +228,12 @@ class _Estimate:
         self.unit = min(1.0, UNIT * sum(element.body.mass for element in robot.elements)) or 1.0
         self.q_geared = np.zeros((len(q_m), robot.n_a))  # arm angles behind the gears; they do not depend on the load
         self.q_geared[:, list(robot.i_g)] = self.q_m @ self.to_arm
+        self.deflection = np.zeros((len(q_m), robot.n_g))  # of the gears, with the springs of the model
+        self.stiffness_sd = np.zeros(robot.n_a)
         if not rigid:
-            self.q_geared[:, list(robot.i_g)] -= gear_deflection(self.nominal, tau_g).reshape(len(q_m), -1)
-            self.stiffness = self._stiffness()
+            self.deflection = gear_deflection(self.nominal, tau_g).reshape(len(q_m), -1)
+            self.q_geared[:, list(robot.i_g)] -= self.deflection
+            self.stiffness, self.stiffness_sd = self._stiffness(), stiffness_deviations(robot)
         self._rests, share = self._standstill(v_m, low_pass_hz)
         self.moving = share * len(time[self.kept])  # samples that are judged
         self.effective = self.moving * min(1.0, NOISE_BAND * low_pass_hz * h)  # independent ones
@@ -250,14 +265,18 @@ class _Estimate:
     def _low_pass(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(filtfilt(*self._filter, x, axis=0))
 
-    def motion(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Arm coordinates with deflections, velocities and accelerations (n, n_a), for a load."""
-        q, i_e = self.q_geared.copy(), list(self.robot.i_e)
+    def motion(self, values: np.ndarray, softer: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arm coordinates with deflections, velocities and accelerations (n, n_a), for a load.
+
+        ``softer`` (n_a,): compliances over those of the model, less 1.
+        """
+        q, i_e, i_g = self.q_geared.copy(), list(self.robot.i_e), list(self.robot.i_g)
+        q[:, i_g] -= softer[i_g] * self.deflection
         if i_e and not self.rigid:
             for _ in range(DEFLECTION_STEPS):
                 v = self._rate(q)
                 forces = self.forces(q, v, self._rate(v), values)[:, i_e]
-                q[:, i_e] = -self._smooth(forces) / self.stiffness
+                q[:, i_e] = -self._smooth(forces) * (1.0 + softer[i_e]) / self.stiffness
         v = self._rate(q)
         return q, v, self._rate(v)
 
@@ -293,31 +312,34 @@ class _Estimate:
         return own * mass * load / values[0]
 
     def solve(self) -> Load:
-        """Gauss-Newton in mass and first moments of the whole payload, the delay of the torques, and the frictions."""
+        """Gauss-Newton in mass and first moments of the whole payload, delay of the torques, frictions, compliances."""
         own, center = self.of_file[-4], self.of_file[-3:]
-        count, scale, unit = LOAD + self.friction.shape[1], self.scale, self.unit
-        length = min(1.0, self.length) or 1.0
+        soft, first = np.flatnonzero(self.stiffness_sd), LOAD + self.friction.shape[1]
+        count, unit, length = first + len(soft), self.unit, min(1.0, self.length) or 1.0
         x = np.concatenate([[own + unit], (own + unit) * center, np.zeros(count - 4)])
         about = np.column_stack([-center, np.eye(3)])  # first moments about the center of mass of the file
-        start = values_of(x, self.farthest)
-        friction = evaluate(self.nominal.function("arm_forces"), *self.motion(start)[:2])[0].reshape(-1, self.robot.n_a)
+        tau, start, softer = self.see(self.tau_g), values_of(x, self.farthest), np.zeros(len(self.stiffness_sd))
+        q, v, _ = self.motion(start, softer)
+        friction = evaluate(self.nominal.function("arm_forces"), q, v)[0].reshape(-1, self.robot.n_a)
 
         def residual(x: np.ndarray) -> np.ndarray:
-            load = values_of(x, self.farthest)
-            tau = self._low_pass(self.forces(*self.motion(load), load) - friction)
-            needed = self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:])
+            load, softer[soft] = values_of(x, self.farthest), x[first:]
+            tau = self._low_pass(self.forces(*self.motion(load, softer), load) - friction)
+            needed = self.tau_g + x[4] * self.late - np.einsum("njg,j->ng", self.friction, x[LOAD:first])
             return self.see(tau[:, list(self.robot.i_g)] - needed)
 
-        prior, last, part = np.zeros((count, count)), np.zeros(count), 1.0
-        prior[LOAD:, LOAD:] = np.eye(count - LOAD) / FRICTION_SD**2
+        prior, last, part, change = np.zeros((count, count)), np.zeros(count), 1.0, np.inf
+        prior[LOAD:, LOAD:] = np.diag(np.r_[np.full(first - LOAD, FRICTION_SD), self.stiffness_sd[soft]] ** -2.0)
+        J = np.zeros((tau.size, count))
+        J[:, 4] = -self.see(self.late).ravel()
+        for k in range(LOAD, first):
+            J[:, k] = self.see(self.friction[:, k - LOAD]).ravel()
         for _ in range(STEPS):
             r, arm = residual(x), 1e-4 * length * max(x[0], unit)
-            columns = []
-            for k, size in enumerate((1e-3 * unit, arm, arm, arm)):
-                columns.append((residual(x + size * (np.arange(count) == k)) - r).ravel() / size)
-            columns.append(-self.see(self.late).ravel())
-            columns += [self.see(f).ravel() for f in self.friction.transpose(1, 0, 2)]
-            J, hidden = np.stack(columns, axis=1), CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
+            steps = np.r_[1e-3 * unit, arm, arm, arm, np.full(len(soft) if change > FRESH else 0, SOFTER)]
+            for k, size in zip((*range(4), *range(first, count)), steps, strict=False):
+                J[:, k] = (residual(x + size * (np.arange(count) == k)) - r).ravel() / size
+            hidden = CENTER_SD * length * max(abs(x[0] - own), LEAST_LOAD * x[0])
             prior[:4, :4] = about.T @ about / hidden**2
             weight = prior * self._variance(r)
             if not _is_determined(J[:, :LOAD], about * np.sqrt(self._variance(r)) / hidden):
@@ -332,8 +354,10 @@ class _Estimate:
             if change < CLOSE:
                 break
         r = residual(x)
-        tau, weight = self.see(self.tau_g), prior * self._variance(r)
-        covariances = [np.linalg.inv(J.T @ J + weight) * self._variance(r), self._left_out(r, J, weight)]
+        weight = prior * self._variance(r)
+        inverse = np.linalg.inv(J.T @ J + weight) * self._variance(r)
+        of_springs = inverse[:, first:] @ prior[first:, first:] @ inverse[first:]  # what their priors leave open
+        covariances = [inverse, self._left_out(r, J, weight) + of_springs]
         sd = np.sqrt(np.max([np.diag(each) for each in covariances], axis=0))
         is_nothing = max(x[0], moved) < 2 * sd[0]  # steps between masses that noise hides
         is_hidden = (np.abs(x - before)[:4] < OF_DEVIATION * sd[:4]).all()
@@ -348,15 +372,20 @@ class _Estimate:
                 f"load: no load explains the record, {100 * unexplained:.0f} % of the torques are left; does it belong "
                 f"to the model {self.robot.name}, in rad and N m of the motors?"
             )
+        return self._result(x[:first], r, sd[0], covariances)
+
+    def _result(self, x: np.ndarray, r: np.ndarray, mass_sd: float, covariances: list[np.ndarray]) -> Load:
+        """The load of these numbers, without those of the springs, and residuals (n, n_g)."""
+        own, center = self.of_file[-4], self.of_file[-3:]
         mass = x[0] - own
-        com = (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * unit else np.full(3, np.nan)
+        com = (x[1:4] - own * center) / mass if abs(mass) > 1e-9 * self.unit else np.full(3, np.nan)
         slopes = np.column_stack([-com, np.eye(3)]) / (mass or np.nan)  # of com in x
         com_sd = np.sqrt(np.max([np.diag(slopes @ each[:4, :4] @ slopes.T) for each in covariances], axis=0))
-        left = np.sqrt((r**2).sum(axis=0) / self.moving) * scale
+        left = np.sqrt((r**2).sum(axis=0) / self.moving) * self.scale
         friction = 1.0 + x[LOAD:].reshape(2, -1).cumsum(axis=0)[::-1]
         total = values_of(x, self.farthest)
-        numbers = float(mass), float(sd[0]), com, com_sd, float(x[0]), total[1:], left, float(x[4])
-        return Load(*numbers, friction, UNKNOWN * length)
+        numbers = float(mass), float(mass_sd), com, com_sd, float(x[0]), total[1:], left, float(x[4])
+        return Load(*numbers, friction, UNKNOWN * (min(1.0, self.length) or 1.0))
 
     def _variance(self, r: np.ndarray) -> float:
         """Of an error that is independent of the others: more than that of the samples (n, n_g), which are alike."""

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import flexgen
 from flexgen.analysis.rests_of_motors import Rests
 from flexgen.errors import SolverError
 from flexgen.performance import payload
+from flexgen.performance.compliances import stiffness_deviations
 
 SAMPLES, KEPT = 80, slice(10, -10)
 
@@ -31,7 +33,7 @@ def estimate(
     made.slopes = rng.normal(size=(SAMPLES, 3, 4)) * [1, 2, 3, 4]
     made.slopes[:, :, shown:] = 0.0
     made.in_arm, made.late = rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 2))
-    made.friction = np.zeros((SAMPLES, 0, 2))  # that of the motors is known
+    made.friction, made.stiffness_sd = np.zeros((SAMPLES, 0, 2)), np.zeros(3)  # of motors is known; rigid
     mass, com, delay = true[0], np.array(true[1:4]), true[4]
     load = made.slopes[:, [0, 2]] @ np.array([mass, *(mass * com)])
     made.tau_g = load - delay * made.late + noise * rng.normal(size=(SAMPLES, 2))
@@ -39,14 +41,16 @@ def estimate(
     made.scale = np.abs(made.tau_g[KEPT]).max(axis=0)
     made.nominal = Made(function=lambda name: made.in_arm[None] if name == "arm_forces" else None)
     monkeypatch.setattr(payload, "evaluate", lambda friction, q, v: [friction])
-    monkeypatch.setattr(payload._Estimate, "motion", lambda self, values: (None, None, None))
+    monkeypatch.setattr(payload._Estimate, "motion", lambda self, values, softer: (None, None, softer))
     monkeypatch.setattr(payload._Estimate, "_low_pass", lambda self, x: x)
     monkeypatch.setattr(payload._Estimate, "forces", forces)
     return made
 
 
 def forces(self: Any, q: Any, v: Any, a: Any, values: np.ndarray) -> np.ndarray:
-    return np.asarray(self.slopes @ np.array([values[0], *(values[0] * values[1:])]) + self.in_arm)
+    """``a`` is how much softer the springs are: their torques do not depend on the load here."""
+    soft = self.of_springs @ a if hasattr(self, "of_springs") else 0.0
+    return np.asarray(self.slopes @ np.array([values[0], *(values[0] * values[1:])]) + self.in_arm + soft)
 
 
 def linear_fit(
@@ -180,3 +184,48 @@ def test_a_direction_that_no_motion_of_a_short_arm_shows_is_not_determined(
 def test_the_center_of_a_mass_that_is_nearly_zero_is_near() -> None:
     assert_allclose(payload.values_of(np.array([2.0, 0.4, -0.2, 0.0, 9.0]), 3.0), [2.0, 0.2, -0.1, 0.0])
     assert_allclose(payload.values_of(np.array([1e-6, 0.01, -0.01, 1e-6, 9.0]), 3.0), [1e-6, 3.0, -3.0, 1.0])
+
+
+def test_springs_that_are_softer_change_no_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ridge fit with one number more for each spring; a deviation of blocks has what their priors leave open, too."""
+    made = estimate(monkeypatch, [5.0, 0.3, -0.2, 0.1, 0.02])
+    made.stiffness_sd = np.array([0.2, 0.0, 0.1])
+    made.of_springs = 0.02 * np.random.default_rng(3).normal(size=(SAMPLES, 3, 3)) + made.slopes[:, :, :1]  # as a mass
+    made.tau_g = made.tau_g + made.of_springs[:, [0, 2]] @ [0.3, 0.0, 0.1]
+    made.scale = np.abs(made.tau_g[KEPT]).max(axis=0)
+    tau = made.tau_g[KEPT] / made.scale
+    parts = [made.slopes[KEPT][:, [0, 2]], -made.late[KEPT][:, :, None], made.of_springs[KEPT][:, [0, 2]][:, :, [0, 2]]]
+    J = (np.concatenate(parts, axis=2) / made.scale[:, None]).reshape(-1, 7)
+    prior = np.diag([0.0] * 5 + [0.2**-2, 0.1**-2])
+    found = np.linalg.lstsq(J, tau.ravel(), rcond=None)[0]
+    for _ in range(20):
+        r = J @ found - tau.ravel()
+        variance = (np.mean(r**2) + 1e-8 * np.mean(tau**2)) * r.size / (30.0 * 2 - 5)
+        found = np.linalg.solve(J.T @ J + prior * variance, J.T @ tau.ravel())
+    H = np.linalg.inv(J.T @ J + prior * variance)
+    load = made.solve()
+    assert load.mass_sd == pytest.approx(np.sqrt(variance * H[0, 0]), rel=1e-4)
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: H * variance)
+    both = H * variance + H @ prior @ H * variance**2
+    assert both[0, 0] > 1.05 * variance * H[0, 0]
+    assert made.solve().mass_sd == pytest.approx(np.sqrt(both[0, 0]), rel=1e-4)
+    assert load.total_mass == pytest.approx(found[0], rel=2e-5) and abs(load.mass - 3.0) < 0.1
+    made.stiffness_sd = np.zeros(3)
+    monkeypatch.setattr(payload._Estimate, "_left_out", lambda self, r, J, weight: np.zeros((5, 5)))
+    assert made.solve().mass - 3.0 > 0.3
+
+
+def test_the_deviation_of_a_spring_is_that_of_the_model_file() -> None:
+    """By name, else that of all stiffnesses, else a fifth; rigid gears and springs that are known have none."""
+    model = flexgen.read("planar5_nmp")
+    assert stiffness_deviations(model).tolist() == [0.2, 0.2, 0.2]
+    stated = {"stiffness": 0.1, "parameters": ["q2.stiffness", "q3.stiffness"], "sd": [0.05, 0.0]}
+    for uncertainty, expected in (
+        ({"masses": 0.03}, [0.2, 0.2, 0.2]),
+        ({"stiffness": 0.1}, [0.1, 0.1, 0.1]),
+        (stated, [0.1, 0.05, 0.0]),
+    ):
+        given = flexgen.read("planar5_nmp", overrides={"uncertainty": uncertainty})
+        assert stiffness_deviations(given).tolist() == expected
+    assert not stiffness_deviations(flexgen.read("elbow@rigid")).any()
+    assert stiffness_deviations(flexgen.read("beam_arm")).tolist() == [0.2] * 4
