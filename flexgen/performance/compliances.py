@@ -8,8 +8,8 @@ from flexgen.mechanics.lagrangian import gears
 from flexgen.model.elements import RobotModel
 from flexgen.spec.parts import Tolerances
 
-# Relative, of a spring for which the model file states none. An assumption, wide on purpose: with right springs it makes
-# deviations of loads up to 1.8 times as large, with springs that are up to 40 % off their intervals hold (docs/control.md).
+# Relative, of a spring for which the model file states none. An assumption, wide on purpose: it makes deviations of
+# loads up to twice as large with right springs; intervals hold with springs that are 20 to 40 % off (docs/control.md).
 STIFFNESS_SD = 0.2
 NUMBERS = ("stiffness", "low", "high")  # of springs, that forces are proportional to
 

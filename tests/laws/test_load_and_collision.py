@@ -10,6 +10,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.parameters import select
 from flexgen.performance import payload
 from flexgen.spec.ports import Port
 
@@ -26,16 +27,40 @@ def record(name: str, plant: dict, noise: float = 1e-4, move: str | None = None)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stiffness", [0.8, 1.0, 1.2])
+@pytest.mark.parametrize("stiffness", [0.8, 1.2])
 def test_a_load_is_found_in_spite_of_wrong_springs(stiffness):
-    """Two percent of the mass, 10 mm of the center of mass; without deflections the mass is further off."""
+    """60 g, 10 mm, within the interval; with the springs of the file 0.14 and 0.27 kg, without deflections further."""
     data = record("manutec_r3_18", {"payload": 20.0, "stiffness": stiffness}, move="turning_line")
     found = flexgen.identify_load("manutec_r3_18", data)
     com = flexgen.read("manutec_r3_18").payload.com
-    assert found.mass == pytest.approx(20.0, rel=0.02)
-    assert np.abs(found.com - com).max() < 0.01
+    assert abs(found.mass - 20.0) < min(0.06, 1.96 * found.mass_sd) and found.mass_sd < 1.0
+    assert np.all(np.abs(found.com - com) < np.minimum(0.01, 1.96 * found.com_sd))
     stiff = flexgen.identify_load("manutec_r3_18", data, rigid=True)
     assert abs(found.mass - 20.0) < 0.5 * abs(stiff.mass - 20.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [None, 1, 2])
+def test_intervals_of_a_load_hold_with_wrong_springs(seed, monkeypatch):
+    """Each spring up to 20 % off by itself, or none; planted: a motion without their factors is 6 deviations off."""
+    rng = np.random.default_rng(seed)
+    springs = {p.key: p.value for p in select(flexgen.read("manutec_r3"), ["stiffness"])}
+    if seed:
+        springs = {key: value * float(rng.uniform(0.8, 1.2)) for key, value in springs.items()}
+    robot = flexgen.read("manutec_r3", overrides={**springs, "payload.mass": 20.0})
+    data = flexgen.solve(robot, verify=False, progress=False).trajectory
+    load = np.array([5.0, *robot.payload.com])
+
+    def away() -> np.ndarray:
+        found = flexgen.identify_load("manutec_r3", data)
+        assert found.mass_sd < 0.002 and found.com_sd.max() < 3e-4
+        return np.abs(np.array([found.mass, *found.com]) - load) / [found.mass_sd, *found.com_sd]
+
+    assert away().max() < 1.96
+    if seed:
+        motion = payload._Estimate.motion
+        monkeypatch.setattr(payload._Estimate, "motion", lambda self, load, softer: motion(self, load, 0.0 * softer))
+        assert away()[0] > 6.0
 
 
 @pytest.mark.slow

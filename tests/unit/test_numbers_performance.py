@@ -190,17 +190,20 @@ def test_the_estimate_of_a_load_filters_torques_and_motion() -> None:
 
 
 def test_deflections_of_coordinates_without_motor_hold_the_forces() -> None:
-    """Spring equation ``k q_e = -forces`` after three substitutions, slow motion."""
+    """Spring equation ``k q_e = -(1 + softer) forces`` after three substitutions, slow motion; gears likewise."""
     model = flexgen.read("planar5_nmp")
     given = record("planar5_nmp", np.zeros(4))
     found = payload._Estimate(model, given, 5.0, False)
     values = found.of_file[-4:]
-    q, v, a = found.motion(values, np.zeros(model.n_a))
-    i_e = list(model.i_e)
+    softer, i_e, i_g = np.array([0.2, -0.1, 0.15]), list(model.i_e), list(model.i_g)
+    q, v, a = found.motion(values, softer)
     forces = found._smooth(found.forces(q, v, a, values))[found.kept][:, i_e]
-    left = q[found.kept][:, i_e] * found.stiffness + forces
+    left = q[found.kept][:, i_e] * found.stiffness + (1 + softer[i_e]) * forces
     assert np.abs(left).max() < 0.02 * np.abs(forces).max()
-    assert_array_equal(q[:, list(model.i_g)], found.q_geared[:, list(model.i_g)])
+    assert_array_equal(found.motion(values, np.zeros(3))[0][:, i_g], found.q_geared[:, i_g])
+    stiff = found.q_m @ np.linalg.inv(model.eta).T
+    assert_allclose(q[:, i_g], stiff - (1 + softer[i_g]) * (stiff - found.q_geared[:, i_g]), atol=1e-12)
+    assert np.abs(stiff - found.q_geared[:, i_g]).max() > 1e-4
 
 
 def test_torques_that_acted_are_those_sent_late() -> None:
