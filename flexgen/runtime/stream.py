@@ -307,7 +307,7 @@ class Stream:
         torque, speed : array (n_m,), optional
             Largest torques [N m] and speeds [rad/s] of the motors; None, or infinity, where there is no limit.
         deviation : float
-            Largest deviation of each output [m, rad]. Limits that would need more are exceeded.
+            Deviation of each output [m, rad], weighed against the limits: both are exceeded where these need more.
 
         Raises
         ------
@@ -333,7 +333,7 @@ class Stream:
         Parameters
         ----------
         deviation : float
-            Largest deviation of each output [m, rad]. Limits that would need more are exceeded.
+            Deviation of each output [m, rad], weighed against the limits: both are exceeded where these need more.
         **limits
             ``torque_max``, ``speed_max``, ``torque_rate_max``, ``deflection_max``, ``gear_torque_max``,
             ``joint_speed_max``, ``joint_acceleration_max``, ``tool_speed_max``, ``tool_acceleration_max`` and
