@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from flexgen.model.elements import RobotModel
 
 DOUBTFUL, UNEXPLAINED = 0.1, 0.5  # parts of the scatter from which on mistakes are tried, and poses refused
 STILL = 1e-9  # m: largest motion of a tracker that no joint moves
-NAMED = 1 / 3  # most of the error that is left where a mistake is named
+NAMED = 1 / 3  # most of the error that is left where a mistake is named, which is below `DOUBTFUL`, too
 
 
 def find_start(
@@ -49,7 +49,7 @@ def find_start(
         found = _agreement(part, wrong.positions, start_frames(part, wrong.positions, place))
         left.append((found[0] / max(found[1], 1e-300), words))
     least, words = min(left)
-    named = least < NAMED * error / scatter
+    named = least < min(NAMED * error / scatter, DOUBTFUL)
     if not named and error <= UNEXPLAINED * scatter:
         return start
     advice = f"probably {words}" if named else "check units, signs and the order of the columns"
@@ -88,6 +88,13 @@ def _mistakes(model: RobotModel, data: StaticPoses) -> Iterator[tuple[str, Stati
         yield f"positions in {words}", replace(some, positions=some.positions * factor)
         if not turns.all():
             yield f"slides in {words}", replace(some, commands=some.commands * np.where(turns, 1.0, factor))
+    for k in np.flatnonzero(turns).tolist():
+        one = np.where(np.arange(len(joints)) == k, np.pi / 180, 1.0)
+        yield f"{joints[k].name} in degrees, read as radians", replace(some, commands=some.commands * one)
+    for k, c in product(range(len(trackers)), range(3)):
+        one = np.ones((len(trackers), 3))
+        one[k, c] = 1e-3
+        yield f"{'xyz'[c]} of {trackers[k]} in mm, read as m", replace(some, positions=some.positions * one)
     yield "positions in a left-handed frame", replace(some, positions=some.positions * [-1.0, 1.0, 1.0])
     for k, joint in enumerate(joints):
         signs = np.where(np.arange(len(joints)) == k, -1.0, 1.0)

@@ -291,10 +291,13 @@ class GearModel:
         late = np.flatnonzero((difference > small).any(axis=1))
         first_sample = int(late[-1]) + 1 if late.size else 0
         if first_sample > len(difference) / 2:
-            raise ArgumentError(
-                "record: given a motion in which the gears do not forget how it began, expected reversals whose "
-                "torques are several times those of the hysteresis, and a longer record"
+            what, more = (
+                "gears do",
+                "reversals whose torques are several times those of the hysteresis, and a longer record",
             )
+            if not self.count:
+                what, more = "arm does", "a longer record: a vibration behind the motors decays slowly"
+            raise ArgumentError(f"record: given a motion in which the {what} not forget how it began, expected {more}")
         return first_sample
 
 

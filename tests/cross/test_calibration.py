@@ -415,6 +415,8 @@ MISTAKES = {
     "the sign of q2": lambda q, y: (q * [1, -1, 1, 1, 1, 1], y),
     "exchanged columns of q1 and q2": lambda q, y: (q[:, [1, 0, 2, 3, 4, 5]], y),
     "exchanged trackers flange and elbow": lambda q, y: (q, y[:, ::-1]),
+    "q3 in degrees, read as radians": lambda q, y: (q * [1, 1, 180 / np.pi, 1, 1, 1], y),
+    "y of elbow in mm, read as m": lambda q, y: (q, y * [[[1, 1, 1], [1, 1e3, 1]]]),
 }
 
 
@@ -450,22 +452,23 @@ def test_agreement_is_the_median_error_and_scatter_of_the_worst_tracker(monkeypa
     ("error", "words"),
     [(0.0999, ""), (0.1001, "doubt"), (0.4999, "doubt"), (0.5001, "check units, signs and the order of the columns")],
 )
-@pytest.mark.parametrize("left", [0.9, 1.1])
+@pytest.mark.parametrize("left", [0.55, 0.65, 0.9, 1.1])
 def test_a_tenth_is_doubted_a_half_refused_and_a_third_named(
     error: float, words: str, left: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``left``: what a mistake that is undone leaves, over the third of the error up to which it is named."""
+    """``left``: what undoing a mistake leaves, over the third of the error up to which it is named, or a tenth."""
+    named = left < 1.0 and left * error / 3 < 0.1
     parts = [(2 * error, 2.0), (2 * error, 2.0), (left * error / 3 * 4, 4.0)]
     data = flexgen.StaticPoses(commands(4), np.zeros((4, 2, 3)))
     statics: Any = SimpleNamespace(model=arm(), with_commands=lambda q: None)
     monkeypatch.setattr(mistakes, "start_frames", lambda *_: "numbers")
     monkeypatch.setattr(mistakes, "_agreement", lambda *_: parts.pop(0))
     monkeypatch.setattr(mistakes, "_mistakes", lambda *_: [("one", data), ("another", data)])
-    if not words or (words == "doubt" and left > 1.0):
+    if not words or (words == "doubt" and not named):
         assert mistakes.find_start(statics, data, ()) == "numbers"
         assert len(parts) == (2 if not words else 0)
         return
-    words = "probably another" if left < 1.0 else words
+    words = "probably another" if named else words
     text = f"that scatter by 2 m, of which the model leaves {2 * error:.3g} m unexplained, .*{words}"
     with pytest.raises(ArgumentError, match=text):
         mistakes.find_start(statics, data, ())
