@@ -362,7 +362,8 @@ class _Planner:
             given = program.laws[len(segments)] if program.laws else None
             segment = self._group(program, group, first, q_g, position, R, time, given)
             segments.append(segment)
-            if limited or any(isinstance(x, MoveJ) or x.configuration for x in (*group, *program.steps[k + 1 :])):
+            later = program.steps[k + 1 :]
+            if (limited and later) or any(isinstance(x, MoveJ) or x.configuration for x in (*group, *later)):
                 q_g = configuration_at_end(self.reference, segment, q_g)
             for number, own in enumerate(group, first):
                 if isinstance(own, MoveL) and own.configuration:

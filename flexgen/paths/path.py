@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -24,7 +25,7 @@ from flexgen.type_checks import checked_class, checked_types
 
 __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "find_move", "plan"]
 
-CHECKED = 101  # instants at which `plan` solves the inverse kinematics
+CHECKED, FEWEST = 101, 33  # instants at which `plan` solves the inverse kinematics; of each motion of many
 
 
 @checked_class
@@ -211,19 +212,36 @@ def plan(
 def check_range(path: Path, ignore_limits: bool = False) -> None:
     """SolverError where the path leaves the workspace, passes a singular pose or leaves the range of a joint.
 
-    Of an output that does not determine the joints, nothing is checked.
+    Of motions of an output that does not determine the joints, nothing is checked.
     """
     robot = path.equations.model
-    sample = path.sample(np.linspace(0.0, path.duration, CHECKED))
-    q_g = None if sample.q_g is None else sample.q_g[:, :, 0]
-    if q_g is None and robot.output.size == robot.n_g:
-        q_g = InverseKinematics(path.equations).follow(sample, path.q_start[list(robot.i_g)])
-    beyond = () if q_g is None or ignore_limits else beyond_range(robot, q_g)
+    found = [q_g for q_g, _ in joints_along(path)]
+    beyond = () if not found or ignore_limits else beyond_range(robot, np.concatenate(found))
     if beyond:
         raise SolverError(
             f"move {path.move.name}: {'; '.join(beyond)}; choose another target or path: more time does not help; "
             "ignore_limits (--ignore-limits) plans it nevertheless"
         )
+
+
+def joints_along(path: Path, speeds: bool = False) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Actuated coordinates and their speeds (n, n_g) along each motion from rest to rest, at instants in all sections.
+
+    Motions of an output that does not determine the joints are left out. Without ``speeds`` the second is empty.
+    """
+    robot, kinematics = path.equations.model, InverseKinematics(path.equations)
+    q_g, count = path.q_start[list(robot.i_g)], max(FEWEST, CHECKED // len(path.segments))
+    for segment in path.segments:
+        t = segment.instants(CHECKED if len(path.segments) == 1 else count)
+        x, attitude = segment.at(t)
+        if segment.space == "joint":
+            q_g = x[-1, :, 0]
+            yield x[:, :, 0], x[:, :, 1]
+        elif robot.output.size == robot.n_g:
+            sample, at = path.reference.sample(segment.space, x, attitude), t / path.duration
+            found = kinematics.follow(sample, q_g) if len(t) == CHECKED else kinematics.follow_many(sample, q_g, at)
+            q_g = found[-1]
+            yield found, kinematics.velocities(sample, found)[0] if speeds else np.zeros((0, robot.n_g))
 
 
 def find_move(robot: RobotModel, move: str | Move | None) -> Move:

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 INSTANTS = 801  # equidistant instants at which bounds are checked
 BETWEEN = 17  # more instants between two breaks of a law
 NEARLY = 0.98  # of the largest; such a local maximum may be higher between the instants
+INSIDE = 16  # intervals in a section of a curve and between two breaks of a law, at least
+TURN = 0.1  # rad or m: where a joint moves farther from one instant to the next, its limits are checked in between
+FINER = 4  # times
+PLACED = 3  # times that the instants of the ends of sections are interpolated
 POINTS = 33  # per stretch, at which its curvature is evaluated
 STRETCHES = 48  # per curve through samples
 TOLERANCE = 1e-6  # relative excess of a bound before the segment is slowed down
@@ -83,6 +87,19 @@ class TimedSegment:
                 low, high = np.where(before, middle, low), np.where(before, high, middle)
             out.append(high)
         return self.start + np.unique(np.concatenate(out))
+
+    def instants(self, count: int) -> np.ndarray:
+        """``count`` equidistant instants [s], and `INSIDE` intervals in each section of a curve of several segments."""
+        equidistant = self.start + np.linspace(0.0, self.law.duration, count)
+        if not isinstance(self.curve, BlendedCurve) or len(self.curve.sections) == 1:
+            return equidistant
+        ends = np.cumsum([section.length for section in self.curve.sections])[:-1]
+        t = np.union1d(np.linspace(0.0, self.law.duration, 4 * len(ends)), self.law.breaks)
+        for _ in range(PLACED):
+            t = np.union1d(t, np.interp(ends, self.law(t, 1)[:, 0], t))
+        borders = np.concatenate([[0.0], np.interp(ends, self.law(t, 1)[:, 0], t), [self.law.duration]])
+        inside = borders[:-1, None] + np.diff(borders)[:, None] * np.linspace(0.0, 1.0, INSIDE + 1)
+        return np.union1d(equidistant, self.start + inside.ravel())
 
 
 @dataclass(frozen=True)
@@ -158,8 +175,7 @@ def plan_law(
     """Plan a law within bounds on speed, acceleration, jerk, ... of the path and the limits of the model's joints.
 
     1. Each stretch of the curve gets the speed that its curvature allows. 2. The changes of speed are planned. 3. If a
-    bound of the path or a joint limit of the undeflected arm (at 401 instants) is exceeded, one factor slows down the
-    whole motion.
+    bound of the path or a joint limit of the undeflected arm is exceeded, one factor slows down the whole motion.
 
     Parameters
     ----------
@@ -186,22 +202,52 @@ def plan_law(
 
     stretches = _stretches(space, curve, bounds, radius, speeds)
     law = speed_law(stretches, (max(s.speed for s in stretches), *bounds[1:]), smoothness)
-    x, attitude = curve(law(np.linspace(0.0, law.duration, INSTANTS // 2 + 1)))
-    found = _peaks(TimedSegment(space, curve, law), radius)
+    segment = TimedSegment(space, curve, law)
+    found = _peaks(segment, radius)
     factor = max(float(f / b) ** (1 / k) for k, (f, b) in enumerate(zip(found, bounds, strict=False), 1))
     kinematics = InverseKinematics(reference.equations)
     if kinematics.has_limits:
-        if space == "joint":
-            v, a = x[:, :, 1], x[:, :, 2]
-        else:
-            sample = reference.sample(space, x, attitude)
-            v, a = kinematics.velocities(sample, kinematics.follow(sample, np.asarray(q_g)))
-        factor = max(factor, kinematics.slowdown(v, a) * (1 + TOLERANCE))
+        factor = max(factor, _joint_slowdown(reference, kinematics, segment, q_g) * (1 + TOLERANCE))
     if not factor < SLOWDOWN_MAX:
         raise SolverError(
             f"path: the joint limits would slow it down by a factor of {factor:.1e}; it passes a singular pose"
         )
     return law.slow_down(factor) if factor > 1 + TOLERANCE else law
+
+
+def _joint_slowdown(
+    reference: Reference, kinematics: InverseKinematics, segment: TimedSegment, q_g: np.ndarray | None
+) -> float:
+    """Factor by which the limits of joints and motors slow a motion down, from instants between the breaks of its law.
+
+    Where a joint moves far from one instant to the next, as near a singular pose, from more of them.
+    """
+    breaks, end, factor = segment.law.breaks, segment.law.duration, 0.0
+    first, last, start = breaks[:-1], breaks[1:], q_g
+    counts = np.maximum(INSIDE, np.ceil((last - first) * (INSTANTS // 2) / end).astype(int)) + 1
+    for _ in range(FINER):
+        between = [np.linspace(1e-9, 1 - 1e-9, count) for count in counts]
+        t = np.concatenate([a + (b - a) * u for a, b, u in zip(first, last, between, strict=True)])
+        x, attitude = segment.at(t)
+        ends = np.cumsum(counts)[:-1]
+        if segment.space == "joint":
+            q, v, a = x[:, :, 0], x[:, :, 1], x[:, :, 2]
+        else:
+            sample = reference.sample(segment.space, x, attitude)
+            q = kinematics.follow_many(sample, np.asarray(start), t / end)
+            v, a = kinematics.velocities(sample, q)
+        parts = [np.split(values, ends) for values in (v, a)]
+        for count in np.unique(counts):
+            same = np.flatnonzero(counts == count)
+            factor = max(factor, kinematics.slowdown(*(np.stack([one[k] for k in same], axis=1) for one in parts)))
+        far = np.abs(np.diff(q, axis=0)).max(axis=1) > TURN
+        far[ends - 1] = False
+        if segment.space == "joint" or not far.any():
+            break
+        here = np.flatnonzero(far)
+        first, last, start = t[here], t[here + 1], q[here[0]]
+        counts = np.full(len(first), INSIDE + 1)
+    return factor
 
 
 def _peaks(segment: TimedSegment, radius: float) -> np.ndarray:
@@ -221,7 +267,12 @@ def _peaks(segment: TimedSegment, radius: float) -> np.ndarray:
 
 def configuration_at_end(reference: Reference, segment: TimedSegment, q_g: np.ndarray) -> np.ndarray:
     """Actuated coordinates (n_g) of the undeflected arm at the end of a segment, from those at its start."""
-    x, attitude = segment.at(np.linspace(segment.start, segment.start + segment.law.duration, INSTANTS // 4 + 1))
+    t = segment.instants(INSTANTS // 4 + 1)
+    x, attitude = segment.at(t)
     if segment.space == "joint":
         return np.array(x[-1, :, 0])
-    return InverseKinematics(reference.equations).follow(reference.sample(segment.space, x, attitude), q_g)[-1]
+    sample, at = reference.sample(segment.space, x, attitude), (t - segment.start) / segment.law.duration
+    kinematics = InverseKinematics(reference.equations)
+    if len(t) == INSTANTS // 4 + 1:
+        return kinematics.follow(sample, q_g)[-1]
+    return kinematics.follow_many(sample, q_g, at)[-1]

@@ -10,8 +10,7 @@ from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
-from flexgen.paths.joint_limits import InverseKinematics
-from flexgen.paths.path import CHECKED, Path
+from flexgen.paths.path import Path, joints_along
 from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, make_finding
 from flexgen.plausibility.numbers import MOVE_SPEED, MOVE_SPEED_TRANSLATION
 
@@ -36,15 +35,11 @@ def moves(equations: Equations) -> Iterator[Finding]:
 
 def _joints(equations: Equations, move: Move) -> tuple[np.ndarray, np.ndarray] | None:
     """Actuated coordinates and their speeds (n, n_g) along a move; None where the output does not determine them."""
-    path = Path(equations, move)
-    sample = path.sample(np.linspace(0.0, path.duration, CHECKED))
-    if sample.q_g is not None:
-        return sample.q_g[:, :, 0], sample.q_g[:, :, 1]
-    if equations.model.output.size != equations.model.n_g:
+    found = list(joints_along(Path(equations, move), speeds=True))
+    if not found:
         return None
-    solver = InverseKinematics(equations)
-    q_g = solver.follow(sample, path.q_start[list(equations.model.i_g)])
-    return q_g, solver.velocities(sample, q_g)[0]
+    q_g, v_g = (np.concatenate(values) for values in zip(*found, strict=True))
+    return q_g, v_g
 
 
 def _range(robot: RobotModel, key: str, q_g: np.ndarray) -> Finding:

@@ -145,9 +145,9 @@ def test_a_segment_that_would_become_too_slow_passes_a_singular_pose(monkeypatch
     """Bounds slow a law down by the root of their excess; joint limits by their own factor, up to 10,000."""
 
     class Law:
-        duration = 2.0
+        duration, breaks = 2.0, np.array([0.0, 0.7, 2.0])
 
-        def __call__(self, t: np.ndarray) -> np.ndarray:
+        def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
             return t
 
         def slow_down(self, factor: float) -> float:
