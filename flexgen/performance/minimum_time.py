@@ -38,8 +38,9 @@ from flexgen.paths.path import Path, check_range, find_move
 from flexgen.paths.place_force import force_along, make_place_force, of_motion
 from flexgen.performance.program_time import ProgramSearch, legs_of
 from flexgen.performance.rigid_time import rigid_time
+from flexgen.performance.slowing import KEPT
 from flexgen.performance.stated_speeds import stated_speeds
-from flexgen.performance.time_search import FEWEST, FINER, KEPT, MESH_S, TimeSearch
+from flexgen.performance.time_search import FEWEST, FINER, MESH_S, TimeSearch
 from flexgen.progress import Choice, reported
 from flexgen.registry import find_function
 from flexgen.results import Result
@@ -242,7 +243,7 @@ def fastest(
     ArgumentError
         An argument is out of range, the path is one through samples, or ``vibration`` is given for a program.
     SolverError
-        The move has no solution, the limits cannot be kept at any speed, or the time limit is over.
+        The move has no solution, the limits cannot be kept at the speeds that were tried, or the time limit is over.
 
     Examples
     --------

@@ -21,7 +21,7 @@ from scipy.optimize import linprog
 from scipy.sparse import block_diag, csr_matrix, hstack, vstack
 
 from flexgen.deadline import check_time
-from flexgen.errors import FlexgenError, SolverError
+from flexgen.errors import SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.mechanics.limit_use import LimitRow, limit_rows
 from flexgen.mechanics.limits import Limits
@@ -30,11 +30,14 @@ from flexgen.paths.path import Path
 from flexgen.paths.place_force import of_motion
 from flexgen.paths.process_force import ProcessForce
 from flexgen.paths.timed_segments import configuration_at_end
+from flexgen.performance.slowing import MEANS, SLOWEST, in_words, slow_down
 from flexgen.performance.stated_speeds import stated_speeds
 from flexgen.performance.time_search import (
+    AGAIN,
     EXACT,
     FINER,
     GROW,
+    HEAVY,
     NEARLY,
     PENALTY,
     SHRINK,
@@ -45,12 +48,11 @@ from flexgen.performance.time_search import (
 )
 from flexgen.runtime.path_inversion import Inversion
 
-CONNECTING = ("torque_rms", "thermal_time", "gear_torque_rms")  # limits that connect the motions
 GRID = 1500  # instants of the effective torques of a program
 STEPS = 20  # linear programs over all laws
 REACH_S = 0.02  # s: a motion that exceeds a limit so close to its neighbor slows both down
-ROUNDS, WITHIN = 200, -1e-4  # relative excess of a limit that is left: none, whatever the samples
-SLOWEST, BISECTIONS = 30.0, 8  # factor of all durations
+WITHIN = -1e-4  # relative excess of a limit that is left: none, whatever the samples
+BISECTIONS = 8  # of the factor of all durations
 
 
 @dataclass
@@ -88,8 +90,8 @@ class ProgramSearch:
     ) -> None:
         self.path, self.limits, self.tell, self.force = path, limits, tell, force
         self.model, self.n = path.equations.model, coefficients
-        self.connecting = Limits(**{name: getattr(limits, name) for name in CONNECTING})
-        self.single = limits.without(*CONNECTING)
+        self.connecting = Limits(**{name: getattr(limits, name) for name in MEANS})
+        self.single = limits.without(*MEANS)
         self._motions = len(path.segments)
         self.legs = [
             TimeSearch(
@@ -118,11 +120,30 @@ class ProgramSearch:
         x = [leg.run(leg.quick_start())[0] for leg in self.legs]
         self.programs += sum(leg.programs for leg in self.legs)
         history = [self.duration(x)]
-        if self.connecting != Limits():
-            x = self._connect(x)
-            history.append(self.duration(x))
-        x = self._slow_down(x)
-        return x, [*history, self.duration(x)]
+        over: list[tuple[float, float]] = []
+        found, reason = None, None
+        try:
+            if self.connecting != Limits():
+                x = self._connect(x)
+                history.append(self.duration(x))
+            found, over = self._find_slower(x)
+        except SolverError as error:
+            reason = error
+        if self.connecting != Limits() and (found is None or self.duration(found) > AGAIN * self.duration(x)):
+            found = self._again(found)
+        if found is None:
+            raise reason or self._unable(over)
+        return found, [*history, self.duration(found)]
+
+    def _again(self, found: list[np.ndarray] | None) -> list[np.ndarray] | None:
+        """The shortest of time laws and those of the search from the laws as given, with heavy penalties."""
+        given = self._find_slower([leg.start() for leg in self.legs])[0]
+        state = None if given is None else self._state(given)
+        if given is None or state is None:
+            return found
+        self.tell(f"again from {self.duration(given):.4f} s")
+        better = self._find_slower(self._improve(state, HEAVY))[0]
+        return min((one for one in (found, given, better) if one is not None), key=self.duration)
 
     def move(self, x: list[np.ndarray]) -> Move:
         """The program with these time laws."""
@@ -144,17 +165,21 @@ class ProgramSearch:
         state = self._slow_enough(x)
         if state.x is x:
             return x
+        return self._improve(state)
+
+    def _improve(self, state: _State, weight: float = 1.0) -> list[np.ndarray]:
+        """The time laws after linear programs over all of them; ``weight``: times the penalties."""
         trust, idle, slopes, scale = TRUST, 0, None, state.duration
 
         def merit(state: _State) -> float:
-            return state.duration / scale + EXACT * max(state.excess(), 0.0)
+            return state.duration / scale + weight * EXACT * max(state.excess(), 0.0)
 
         for _ in range(STEPS):
             check_time("fastest")
             if not (trust > SMALLEST and idle < 3):
                 break
             slopes = self._slopes(state) if slopes is None else slopes
-            step = self._program(state, *slopes, trust)
+            step = self._program(state, *slopes, trust, weight * PENALTY)
             self.programs += 1
             other = None if step is None else self._state([a + b for a, b in zip(state.x, step, strict=True)])
             gain = -np.inf if other is None else merit(state) - merit(other)
@@ -174,8 +199,8 @@ class ProgramSearch:
             if high > SLOWEST:
                 most = np.inf if found is None else float(found.c.max())
                 raise SolverError(
-                    "fastest: the effective torques cannot be kept in this program at any speed; raise their limits: "
-                    f"holding the robot needs {most:.3g} of one"
+                    "fastest: the effective torques cannot be kept in this program at the speeds that were tried; "
+                    f"raise their limits: {low:.3g} times slower it needs {most:.6g} of one"
                 )
             found = self._state([_slower(part, high) for part in x])
         for _ in range(BISECTIONS if high > 1.0 else 0):
@@ -226,13 +251,18 @@ class ProgramSearch:
         return own, connecting
 
     def _program(
-        self, state: _State, own: list[np.ndarray], connecting: list[np.ndarray], trust: float
+        self,
+        state: _State,
+        own: list[np.ndarray],
+        connecting: list[np.ndarray],
+        trust: float,
+        penalty: float = PENALTY,
     ) -> list[np.ndarray] | None:
         """The steps of one linear program over all motions; None where it has no solution."""
         total, count = state.duration, len(self.legs)
         costs, blocks, rights, bounds, shared = [], [], [], [], []
         for x, g, G, C in zip(state.x, state.g, own, connecting, strict=True):
-            cost, rows, right, limits = linear_program(x, g, G, trust, float(x[0]))
+            cost, rows, right, limits = linear_program(x, g, G, trust, float(x[0]), penalty)
             cost[0], cost[len(x) + 1 :] = x[0] / total, cost[len(x) + 1 :] / count
             costs.append(cost)
             blocks.append(csr_matrix(rows))
@@ -244,7 +274,7 @@ class ProgramSearch:
         none = csr_matrix((sum(map(len, rights)), 1))
         A = vstack([hstack([block_diag(blocks), none]), hstack([csr_matrix(np.hstack(shared)), excess])])
         right = np.concatenate([*rights, 1.0 - state.c])
-        cost = np.concatenate([*costs, [PENALTY]])
+        cost = np.concatenate([*costs, [penalty]])
         found = linprog(cost, A_ub=A.tocsr(), b_ub=right, bounds=[*bounds, (0, None)], method="highs")
         if found.x is None:
             return None
@@ -298,22 +328,25 @@ class ProgramSearch:
 
     def _slow_down(self, x: list[np.ndarray]) -> list[np.ndarray]:
         """The time laws slowed down where a limit is exceeded along the whole program."""
-        worst = np.inf
-        for _ in range(ROUNDS):
-            check_time("fastest")
-            try:
-                whole, *each = self._excesses(x)
-            except FlexgenError:
-                break
+        found, over = self._find_slower(x)
+        if found is None:
+            raise self._unable(over)
+        return found
+
+    def _find_slower(self, x: list[np.ndarray]) -> tuple[list[np.ndarray] | None, list[tuple[float, float]]]:
+        def excess(x: list[np.ndarray]) -> np.ndarray:
+            whole, *each = self._excesses(x)
             worst = max(whole, *each)
-            if worst <= WITHIN:
-                return x
-            self.tell(f"{self.duration(x):.4f} s, limits of the whole program exceeded by {worst:.1e}")
-            x = self.slower(x, np.maximum(whole, each) - WITHIN)
-        raise SolverError(
-            "fastest: the limits cannot be kept in this program at any speed; increase them: it needs "
-            f"{1 + worst:.3g} of a limit"
-        )
+            if worst > WITHIN:
+                self.tell(f"{self.duration(x):.4f} s, limits of the whole program exceeded by {worst:.1e}")
+            return np.maximum(whole, each) - WITHIN
+
+        found, over = slow_down(x, excess, self.slower, 0.0)
+        return found, [(duration, worst + WITHIN) for duration, worst in over]
+
+    def _unable(self, over: list[tuple[float, float]]) -> SolverError:
+        words = in_words(over, self.connecting != Limits())
+        return SolverError(f"fastest: the limits cannot be kept in this program {words}")
 
 
 def _slower(x: np.ndarray, factor: float) -> np.ndarray:

@@ -29,6 +29,7 @@ from flexgen.paths.process_force import ProcessForce, make_force
 from flexgen.paths.reference import PathSample
 from flexgen.paths.time_laws import SplineLaw, TimeLaw
 from flexgen.performance.residual_vibration import ResidualVibration, has_springs
+from flexgen.performance.slowing import KEPT, MEANS, in_words, slow_down
 from flexgen.performance.stated_speeds import StatedSpeeds
 from flexgen.runtime.path_inversion import Inversion
 
@@ -44,11 +45,14 @@ STEP = 1e-5  # of differences
 ROUNDING = 1e-6  # of the samples in an interval: the same for all durations, also where they are a whole and a half
 FINER = 3  # samples and mesh of the last check
 MOST = 60  # programs
+HEAVY = (
+    200.0  # times the penalties of the search from the law as given: of a small excess that only much time takes away
+)
+AGAIN = 1.1  # times the duration that was found, above which the search begins again there
 HALVINGS = 8  # of the duration of a first law
 NEARLY = 2e-4  # gain of a step below which it hardly helps
 CALM, CALMER, CALM_STEP = 30.0, 12, 1e-4  # penalty of limits, programs and differences where vibration is reduced
 LONGER = (1.01, 1.02, 1.03, 1.045, 1.06, 1.08, 1.1, 1.13, 1.17, 1.22, 1.3, 1.4, 1.6, 2.0)  # times the shortest duration
-KEPT = 4e-4  # relative excess of a limit that is kept
 
 
 class TimeSearch:
@@ -217,17 +221,32 @@ class TimeSearch:
         if g is None:
             advice = 'take another move, or, for a joint move, a model with an output of type "joint"'
             raise SolverError(f"fastest: the first time law cannot be inverted ({self.refused}); {advice}")
-        trust, idle, history = TRUST, 0, [float(x[0])]
-        scale = float(x[0])
+        history = [float(x[0])]
+        x = self._improve(x, g, history)
+        found, over = self._find_slower(x)
+        if found is None or found[0] > AGAIN * x[0]:
+            given = self._find_slower(self.start())[0]
+            g = None if given is None else self.try_constraints(given)
+            if given is not None and g is not None:
+                self.tell(f"again from {given[0]:.4f} s")
+                better = self._find_slower(self._improve(given, g, history, HEAVY))[0]
+                found = min((one for one in (found, given, better) if one is not None), key=lambda one: float(one[0]))
+        if found is None:
+            raise self._unable(over)
+        return found, history
+
+    def _improve(self, x: np.ndarray, g: np.ndarray, history: list[float], weight: float = 1.0) -> np.ndarray:
+        """The time law after linear programs, from one with its constraints; ``weight``: times the penalties."""
+        trust, idle, scale, last = TRUST, 0, float(x[0]), self.programs + MOST
 
         def merit(x: np.ndarray, g: np.ndarray) -> float:
-            return float(x[0] / scale + EXACT * max(np.abs(g).max() - 1.0, 0.0))
+            return float(x[0] / scale + weight * EXACT * max(np.abs(g).max() - 1.0, 0.0))
 
         G: np.ndarray | None = None
-        while self.programs < MOST and trust > SMALLEST and idle < 3:
+        while self.programs < last and trust > SMALLEST and idle < 3:
             check_time("fastest")
             G = self._slopes(x, g) if G is None else G
-            step = self._program(x, g, G, trust, scale)
+            step = self._program(x, g, G, trust, scale, weight * PENALTY)
             self.programs += 1
             if step is None:
                 trust *= SHRINK
@@ -243,23 +262,25 @@ class TimeSearch:
                 self.tell(f"{x[0]:.4f} s, limits exceeded by {max(np.abs(g).max() - 1, 0):.1e}")
             else:
                 trust *= SHRINK
-        return self._slow_down(x), history
+        return x
 
     def _slow_down(self, x: np.ndarray) -> np.ndarray:
         """The time law slowed down until the limits are kept between the samples of the search too."""
-        excess = np.inf
-        for _ in range(400):
-            try:
-                excess = self.excess(x)
-            except FlexgenError:
-                break
-            if excess <= KEPT:
-                return x
-            x = self.slower(x, excess)
-        raise SolverError(
-            "fastest: the limits cannot be kept on this path at any speed; increase them: holding the robot needs "
-            f"{1 + excess:.3g} of a limit"
-        )
+        found, over = self._find_slower(x)
+        if found is None:
+            raise self._unable(over)
+        return found
+
+    def _find_slower(self, x: np.ndarray) -> tuple[np.ndarray | None, list[tuple[float, float]]]:
+        def excess(x: list[np.ndarray]) -> np.ndarray:
+            return np.array([self.excess(x[0])])
+
+        found, over = slow_down([x], excess, lambda x, over: [self.slower(x[0], over)], KEPT)
+        return None if found is None else found[0], over
+
+    def _unable(self, over: list[tuple[float, float]]) -> SolverError:
+        means = any(getattr(self.limits, name) for name in MEANS)
+        return SolverError(f"fastest: the limits cannot be kept on this path {in_words(over, means)}")
 
     def slower(self, x: np.ndarray, excess: float | np.ndarray) -> np.ndarray:
         """The time law slowed down by a part of an excess of the limits."""
@@ -368,9 +389,11 @@ class TimeSearch:
                     break
             yield other, step, moved
 
-    def _program(self, x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float) -> np.ndarray | None:
+    def _program(
+        self, x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float, penalty: float = PENALTY
+    ) -> np.ndarray | None:
         """The step of one linear program."""
-        cost, rows, right, bounds = linear_program(x, g, G, trust, scale)
+        cost, rows, right, bounds = linear_program(x, g, G, trust, scale, penalty)
         found = linprog(cost, A_ub=rows, b_ub=right, bounds=bounds, method="highs")
         if found.x is None:
             return None
@@ -380,7 +403,7 @@ class TimeSearch:
 
 
 def linear_program(
-    x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float
+    x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float, penalty: float = PENALTY
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[float, float | None]]]:
     """Cost, rows, their right sides and bounds of the program of a step: unknown dT/T, dc, sigma, |dc|."""
     n, A = len(x), G * np.concatenate([[scale], np.ones(len(x) - 1)])
@@ -401,6 +424,6 @@ def linear_program(
     mirrored = np.hstack([-size[:, : n + 1], -np.eye(n - 1)])
     rows = np.vstack([np.hstack([rows, np.zeros((len(rows), n - 1))]), size, mirrored])
     right = np.concatenate([right, np.zeros(2 * (n - 1))])
-    cost = np.concatenate([[1.0], np.zeros(n - 1), [PENALTY], np.full(n - 1, LAZY)])
+    cost = np.concatenate([[1.0], np.zeros(n - 1), [penalty], np.full(n - 1, LAZY)])
     bounds: list[tuple[float, float | None]] = [(-trust, trust)] * n + [(0, None)] * n
     return cost, rows, right, bounds

@@ -210,7 +210,7 @@ def test_what_no_program_can_do_is_refused(given: dict[str, np.ndarray]) -> None
             flexgen.plan("planar5_nmp", replace(THREE, laws=laws))
     weak = limits_of(given, torque_rms=tuple(0.3 * given["rms"]))
     move = replace(THREE, steps=(THREE.steps[0], THREE.steps[-1]))
-    with pytest.raises(SolverError, match="effective torques cannot be kept in this program at any speed"):
+    with pytest.raises(SolverError, match="effective torques cannot be kept in this program at the speeds"):
         flexgen.fastest("planar5_nmp", move, limits=weak, coefficients=4, progress=False)
 
 

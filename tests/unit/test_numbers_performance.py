@@ -503,7 +503,7 @@ def test_the_search_ends_at_the_shortest_time_within_the_limits() -> None:
     assert history[0] == 3.0 and np.all(np.diff(history) < 1e-3) and made.programs < time_search.MOST
     assert np.abs(constraints(x)).max() <= 1 + time_search.KEPT
     assert (made.programs, len(history)) == (28, 19)  # measured when this test was written: rules of the trust region
-    unable = search(2, constraints=lambda x, finer=1: np.array([2.0]))
+    unable = search(2, constraints=lambda x, finer=1: np.array([2.0]), limits=flexgen.Limits())
     with pytest.raises(SolverError, match=r"cannot be kept on this path at any speed; .* needs 2 of a limit"):
         unable._slow_down(np.array([1.0, 0.5]))
     with pytest.raises(SolverError, match=r"the first time law cannot be inverted \(a torque is not finite\)"):

@@ -104,7 +104,7 @@ def test_a_program_is_checked_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_motions_are_slowed_down_until_the_whole_program_keeps_its_limits() -> None:
     lines: list[str] = []
-    made = search(pauses=[1.0], tell=lines.append)
+    made = search(pauses=[1.0], tell=lines.append, connecting=Limits())
     made._excesses = lambda x: [1.8 / made.duration(x) - 1.0, 0.5 / x[0][0] - 1.0, 0.2 / x[1][0] - 1.0]
     told: list[np.ndarray] = []
 
@@ -121,8 +121,14 @@ def test_motions_are_slowed_down_until_the_whole_program_keeps_its_limits() -> N
     made.slower = lambda x, excess: x
     with pytest.raises(SolverError) as caught:
         made._slow_down([np.array([0.4])])
-    text = "fastest: the limits cannot be kept in this program at any speed; increase them: it needs 1.5 of a limit"
-    assert str(caught.value) == text and len(lines) > 200
+    text = "cannot be kept in this program at the speeds that were tried, up to 0.4 s; increase them: it needs 1.5 of a"
+    assert str(caught.value) == f"fastest: the limits {text} limit" and len(lines) > 200
+    made.slower = lambda x, excess: [1.3 * part for part in x]
+    with pytest.raises(SolverError, match=r"in this program at any speed; .* holding the robot needs 1\.5 of a limit$"):
+        made._slow_down([np.array([0.4])])
+    made.connecting = Limits(torque_rms=(1.0, 1.0))  # of other time laws the mean may be smaller
+    with pytest.raises(SolverError, match=r"at the speeds that were tried, up to .* it needs 1\.5 of a limit$"):
+        made._slow_down([np.array([0.4])])
 
     def lost(x: Any) -> Any:
         raise SolverError("none")
@@ -140,12 +146,48 @@ def test_stages_of_the_search_of_a_program() -> None:
     ]
     made = search(legs=legs, pauses=[0.5], connecting=Limits())
     made._connect = lambda x: [2 * part for part in x]
-    made._slow_down = lambda x: [part + 1 for part in x]
+    made._find_slower = lambda x: ([part + 1 for part in x], [])
     x, history = made.run()
     assert [part[0] for part in x] == [2.0, 3.0] and history == [3.5, 5.5] and made.programs == 9
     assert made.inversions == 3.0
     made.connecting = Limits(torque_rms=(1.0, 1.0))
-    assert made.run()[1] == [3.5, 6.5, 8.5]
+    made._find_slower = lambda x: ([part + 0.1 for part in x], [])
+    assert made.run()[1] == pytest.approx([3.5, 6.5, 6.7])  # less than a tenth slower
+
+
+def test_a_program_is_searched_again_from_the_laws_as_given() -> None:
+    """Where only much time takes an excess away, or none: the shortest of all laws that keep the limits."""
+    given = [np.array([5.0]), np.array([6.0])]
+    legs = [
+        Made(quick_start=lambda: 0, run=lambda k: (np.array([1.0]), []), programs=0, start=lambda x=x: x) for x in given
+    ]
+    made = search(legs=legs, pauses=[0.5], connecting=Limits(torque_rms=(1.0, 1.0)), tell=lambda line: None)
+    made._connect = lambda x: x
+    made._state = lambda x: Made(x=x)
+    weights: list[float] = []
+
+    def improve(state: Any, weight: float) -> list[np.ndarray]:
+        weights.append(weight)
+        return [0.5 * part for part in state.x]
+
+    made._improve = improve
+    slower: dict[float, Any] = {2.5: [np.array([9.0]), np.array([9.0])], 11.5: given, 6.0: [0.6 * x for x in given]}
+    made._find_slower = lambda x: (slower[made.duration(x)], [(2.5, 0.3)])
+    assert made.run()[1] == pytest.approx([2.5, 2.5, 7.1]) and weights == [200.0]
+    slower.update({2.5: None, 6.0: None})
+    assert made.run()[1] == pytest.approx([2.5, 2.5, 11.5])
+    slower.update({11.5: None})
+    with pytest.raises(SolverError, match=r"tried, up to 2\.5 s; increase them: it needs 1\.3 of a limit$"):
+        made.run()
+
+    def unable(x: Any) -> Any:
+        raise SolverError("torques cannot be kept")
+
+    made._connect = unable
+    with pytest.raises(SolverError, match=r"^torques cannot be kept$"):
+        made.run()
+    slower.update({11.5: given})
+    assert made.run()[1] == pytest.approx([2.5, 11.5])
 
 
 def test_the_path_of_a_program_has_its_motions_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:

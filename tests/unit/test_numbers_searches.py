@@ -115,12 +115,12 @@ def test_a_program_is_slowed_down_as_much_as_its_torques_need(monkeypatch: pytes
     assert lost.x[1][0] > 1.2 and lost.c.max() <= 1.0
     hard, _ = search(monkeypatch, 1e-3, *(Leg(1.0, 0.4), Leg(0.5, 0.7)))
     with pytest.raises(
-        SolverError, match=r"^fastest: the effective torques cannot be kept in this program at any speed"
+        SolverError, match=r"^fastest: the effective torques cannot be kept in this program at the speeds that"
     ):
         hard._slow_enough(first)
     for leg in legs:
         leg.lost = 1e9
-    with pytest.raises(SolverError, match=r"holding the robot needs inf of one$"):
+    with pytest.raises(SolverError, match=r"2\d\.?\d* times slower it needs inf of one$"):
         made._slow_enough(first)
     assert made._state(first) is None
 
