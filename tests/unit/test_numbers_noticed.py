@@ -73,7 +73,7 @@ NOTICED: dict[str, dict[str, dict[str, Any]]] = {
         "flexgen.dae.strangeness_index": {"CLEAR": 1e-11},
         "flexgen.dae.structure": {"NEARLY": 1e-06},
         "flexgen.gears.fit": {"LEAST_SIGNAL": 0.1, "UNLIKELY": 0.01},
-        "flexgen.gears.further_elements": {"SEEN": (4.0, 8.0), "MOVES": 1.0},
+        "flexgen.gears.further_elements": {"SEEN": (4.0, 8.0), "MOVES": 1.5},
         "flexgen.gears.identify": {"WEAK": 0.5, "EXCESS": 3.0, "NARROWER": (0.6, 0.36)},
         "flexgen.gears.signals": {"ROUGH": 0.001, "ABOVE_NOISE": 10.0},
         "flexgen.identification.causes.explain": {"LEAST_SHARE": 0.7, "EXPLAINED": 0.95, "ALSO": 0.05, "REFITS": 3},
