@@ -15,7 +15,7 @@ from flexgen.library.c_module import compile_module
 
 _NAME = "module"  # in the names of the kernel
 _PORTS = ("given_{}", "found_{}")  # of arguments and results, by their numbers
-_FLAGS = "-O1"  # the text is in good order, and long: more takes a third of the time of a compilation for nothing
+_FLAGS = "-O1"  # straight-line code in good order: a six-axis arm is 6 % faster with -O2, measured once
 
 
 def lanes_module(name: str, functions: Mapping[str, ca.Function], body: str) -> Path:
